@@ -18,7 +18,6 @@ from typing import Final, TypeVar
 
 from cellwatt.errors import RecordingError
 from cellwatt.record.header import DAMAGED, PART, FileName, closed_name, plain_cell
-from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.survey import names_in
 
@@ -149,8 +148,8 @@ class Stored:
 
     @property
     def beside(self) -> tuple[Path, ...]:
-        """Files that are removed with it: its seal."""
-        return (seal_of(self.path),)
+        """Files that are removed with it."""
+        return ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """Evidence packs as files: their names, the packs due, and the packs stored.
 
 A pack is ``<cell>_<time of the alarm, UTC>_<id of the alarm>.mcap`` in the folder ``evidence`` of the record, with a
-page (``.html``) beside it, and a seal if recordings are signed. A pack that is due is noted in a file with the suffix
-``.due``, so that the next daemon cuts it if this one is killed.
+page (``.html``) beside it. A pack that is due is noted in a file with the suffix ``.due``, so that the next daemon cuts
+it if this one is killed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from cellwatt.alarms import SEVERITIES
 from cellwatt.files import WRITTEN, read_bytes, replace_bytes
 from cellwatt.record.folder import Stored, remove, surplus
 from cellwatt.record.header import plain_cell
-from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import EvidenceSettings
 from cellwatt.results import Alarm
 
@@ -119,12 +118,12 @@ def all_due(folder: Path, cell: str) -> list[Due]:
 
 @dataclass(frozen=True, slots=True)
 class Pack(Stored):
-    """A stored pack; ``size`` includes page and seal."""
+    """A stored pack; ``size`` includes the page."""
 
     @property
     def beside(self) -> tuple[Path, ...]:
-        """Page and seal."""
-        return (page_of(self.path), seal_of(self.path))
+        """The page."""
+        return (page_of(self.path),)
 
 
 def page_of(pack: Path) -> Path:

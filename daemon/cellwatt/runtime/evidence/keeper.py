@@ -183,10 +183,8 @@ class Keeper:
 
     async def _made_by_process(self, due: Due) -> dict[str, Any]:
         """Run the process that makes a pack; return its report. Raises ``CellwattError`` if it fails."""
-        settings = self._settings
-        sign = [] if settings.sign is None else ["--sign", str(settings.sign)]
         note = str(packs.due_path(self.folder, due))
-        printed = await output([MODULE, note, "--reserve", str(settings.file_limit), *sign], LIMIT, NICENESS)
+        printed = await output([MODULE, note, "--reserve", str(self._settings.file_limit)], LIMIT, NICENESS)
         found: dict[str, Any] = json.loads(printed.splitlines()[-1])
         return found
 
