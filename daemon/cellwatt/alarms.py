@@ -321,9 +321,8 @@ class AlarmBook:
         shelved = [{**{k: getattr(s.alarm, k) for k in about}, "shelf": _fields(s.shelf)} for s in self.shelved]
         return {"alarms": alarms, "shelved": shelved}
 
-    def hear(self, said: Alarm | Mapping[str, Any]) -> Standing:
-        """Apply a message that another book published, or its fields; return the new state of the alarm."""
-        alarm = said if isinstance(said, Alarm) else _ALARM.validate_python(dict(said))
+    def hear(self, alarm: Alarm) -> Standing:
+        """Apply a message that another book published; return the new state of the alarm."""
         standing = self._standing.pop(alarm.id, None) or Standing(alarm)
         before = standing.published
         if not alarm.active:
@@ -352,7 +351,7 @@ class AlarmBook:
             fields, known = {k: v for k, v in body.items() if k != "acknowledged"}, self._standing.get(alarm_id)
             word = None if body.get("acknowledged") is None else Acknowledgement(**body["acknowledged"])
             if known is None or known.shelf is not None:
-                found.append(known := self.hear(fields))
+                found.append(known := self.hear(_ALARM.validate_python(fields)))
             elif word != known.acknowledgement and not (word is None and known.acknowledged_after(time)):
                 found.append(known)
                 known.news = False

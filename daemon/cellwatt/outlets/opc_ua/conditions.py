@@ -50,7 +50,7 @@ class Conditions:
         method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
         self._server.iserver.isession.add_method_callback(method, self._acknowledge)
 
-    async def hear(self, alarm: Mapping[str, Any]) -> None:
+    async def hear(self, alarm: Alarm) -> None:
         """Notify clients that an alarm is active, has changed, or is cleared."""
         await self._show(self._book.hear(alarm))
 
