@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.alarms import AlarmBook, Standing
+from cellwatt.alarms import FollowedAlarms, Standing
 from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.last_minute import LastMinute
@@ -35,7 +35,7 @@ Body = Mapping[str, Any]
 class LiveCell:
     """State of a cell, updated by ``add``, ``add_frames`` and ``add_health`` with its messages in order of arrival.
 
-    ``alarms``: the alarm book from received messages; ``cleared``: the last cleared alarms; ``forgotten``: number of
+    ``alarms``: the alarms of received messages; ``cleared``: the last cleared alarms; ``forgotten``: number of
     older cleared alarms, discarded; ``predicted``: outputs of models, by model; ``heard``: monotonic time, s, of the
     last message.
     """
@@ -43,7 +43,7 @@ class LiveCell:
     status: Body = field(default_factory=dict)
     session: int | None = None
     restarts: int = 0
-    alarms: AlarmBook = field(default_factory=AlarmBook)
+    alarms: FollowedAlarms = field(default_factory=FollowedAlarms)
     cleared: deque[Standing] = field(default_factory=lambda: deque(maxlen=CLEARED))
     forgotten: int = 0
     intervals: deque[Interval] = field(default_factory=lambda: deque(maxlen=32))
@@ -129,7 +129,7 @@ class LiveCell:
             return []
         self.restarts += 1
         self.status, self.task, self.energies = {}, None, {}
-        before, self.alarms = self.alarms, AlarmBook()
+        before, self.alarms = self.alarms, FollowedAlarms()
         return self._over([before.hear(clear) for clear in before.restarted(session, status)])
 
     def _over(self, alarms: list[Standing]) -> list[Standing]:

@@ -1,39 +1,22 @@
 """The alarm book: raises, updates and clears alarms by id, with patience, damping, acknowledgement and shelf.
 
-Pure: times are arguments, UTC ns, and the same calls give the same alarms. A book decides (``raise_``, ``clear``,
-``look``), or follows another one by its messages (``hear``), events (``note``) and health (``agree``).
+Pure: times are arguments, UTC ns, and the same calls give the same alarms.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import pydantic_core
 from pydantic import TypeAdapter
 
+from cellwatt.alarms.standing import SEVERITIES, Acknowledgement, Patience, Shelf, Standing, Standings
 from cellwatt.errors import CellwattError
-from cellwatt.results import Alarm, Event, Severity
+from cellwatt.results import Alarm
 
-LOST: Final = "Cleared; the message with the reason was not received."
-"""Statement of the clear of an alarm that the cell no longer lists, although its own clear was not received."""
-RESTARTED: Final = "The daemon ended while this alarm was active; after its restart it raises alarms that still hold."
-"""Statement of the clear of an alarm that was active when the daemon ended."""
-WORDS: Final = ("acknowledged", "shelved", "unshelved")
-"""Kinds of the events that report the action of a person on an alarm."""
-SEVERITIES: Final[tuple[Severity, ...]] = ("info", "warning", "error")
-"""In ascending order."""
-
-
-@dataclass(frozen=True, slots=True)
-class Patience:
-    """Consecutive observations, and s from the first to the last, before an alarm is raised or cleared."""
-
-    times: int = 1
-    seconds: float = 0.0
-
-
+_STATE: Final = TypeAdapter(list[Standing])
 AT_ONCE: Final = Patience()
 
 
@@ -45,101 +28,17 @@ class Damping:
     seconds: float = 600.0
 
 
-@dataclass(frozen=True, slots=True)
-class Acknowledgement:
-    """A person's acknowledgement of an alarm, at ``time`` UTC ns; it holds until the alarm is cleared."""
-
-    name: str
-    note: str
-    time: int
-
-
-@dataclass(frozen=True, slots=True)
-class Shelf:
-    """A person's order not to publish an alarm before ``until`` ns, unless its severity rises above ``severity``."""
-
-    name: str
-    note: str
-    time: int
-    until: int
-    severity: Severity
-
-
-@dataclass(slots=True)
-class Standing:
-    """State of one alarm; ``alarm`` has the newest figures of its condition, ``over`` is the clear that followed."""
-
-    alarm: Alarm
-    over: Alarm | None = None
-    holds: bool = False
-    """True once the condition has held through the patience, until it has been absent through the patience."""
-    changed: int = 0
-    """Time of the last change of ``holds``, ns."""
-    streak: int = 0
-    """Consecutive observations that contradict ``holds``."""
-    streak_since: int = 0
-    """Time of the first of these, ns."""
-    raises: tuple[int, ...] = ()
-    """Times at which ``holds`` became true, ns, within the last span of damping."""
-    flaps: int = 0
-    """Clears held back by damping; 0 if the alarm does not come and go."""
-    published: Alarm | None = None
-    """The last message published, unless that was a clear."""
-    acknowledgement: Acknowledgement | None = None
-    shelf: Shelf | None = None
-    evidence: str | None = None
-    """File of its evidence pack, once that is written."""
-    news: bool = False
-    """The last message received changed more than figures: a raise, a clear, or another severity or joint."""
-
-    @property
-    def raised(self) -> bool:
-        """True while the condition holds or damping keeps the alarm active."""
-        return self.holds or self.flaps > 0
-
-    @property
-    def message(self) -> Alarm:
-        """The message to publish for the present state."""
-        if not self.raised and self.over is not None:
-            return self.over
-        if not self.flaps:
-            return self.alarm
-        text = f"{self.alarm.statement} The condition comes and goes; the alarm stays active until it is steady."
-        return replace(self.alarm, statement=text, evidence={**self.alarm.evidence, "flaps": self.flaps})
-
-    def acknowledged_after(self, time: int) -> bool:
-        """True if a person acknowledged it after ``time``, UTC ns."""
-        return self.acknowledgement is not None and self.acknowledgement.time > time
-
-    def observe(self, holds: bool, time: int, after: Patience) -> bool:
-        """Count an observation at ``time``; return True if enough observations contradict ``holds`` to change it."""
-        if holds == self.holds:
-            self.streak = 0
-            return False
-        self.streak_since = self.streak_since if self.streak else time
-        self.streak += 1
-        return self.streak >= after.times and time - self.streak_since >= after.seconds * 1e9
-
-
-_STATE: Final = TypeAdapter(list[Standing])
-_ALARM: Final = TypeAdapter(Alarm)
-_CLEARS: Final = 500
-"""Number of clears whose time is stored, so that an older health message does not raise their alarms again."""
-
-
-class AlarmBook:
+class AlarmBook(Standings):
     """Alarms of one stage or of a whole cell; without ``damping`` each follows its condition.
 
-    Methods that change an alarm return the messages to publish. ``state`` is the ``state()`` of another book.
+    Methods that change an alarm return the messages to publish.
     """
 
-    def __init__(self, damping: Damping | None = None, state: Iterable[Any] = ()) -> None:
+    def __init__(self, damping: Damping | None = None) -> None:
+        super().__init__()
         self._damping = damping
-        self._standing = _standings(state)
         self._expected: dict[str, Standing] = {}
         self._expected_until = 0
-        self._over: dict[str, int] = {}
-        """Times of the clears received, ns, by alarm id."""
 
     def state(self) -> list[Any]:
         """The whole state of the book, JSON-ready."""
@@ -150,7 +49,7 @@ class AlarmBook:
         return _plain(s for s in self._standing.values() if s.acknowledgement or s.shelf)
 
     def adopt(self, state: Iterable[Any]) -> None:
-        """Add the alarms of ``state``; they replace alarms with the same ids."""
+        """Add the alarms of ``state``, that of another book; they replace alarms with the same ids."""
         self._standing |= _standings(state)
 
     def expect(self, words: Iterable[Any], until: int) -> None:
@@ -159,33 +58,6 @@ class AlarmBook:
         A shelf is restored if its alarm is raised before the shelf ends.
         """
         self._expected, self._expected_until = _standings(words), until
-
-    # active alarms --------------------------------------------------------------------------------
-
-    def __iter__(self) -> Iterator[str]:
-        """Ids of all alarms that the book knows, active or not."""
-        return iter(tuple(self._standing))
-
-    def __contains__(self, alarm_id: str) -> bool:
-        return alarm_id in self._standing and self._standing[alarm_id].raised
-
-    def __getitem__(self, alarm_id: str) -> Standing:
-        return self._standing[alarm_id]
-
-    @property
-    def raised(self) -> list[Standing]:
-        """Active alarms, in the order in which they were raised."""
-        return [standing for standing in self._standing.values() if standing.raised]
-
-    @property
-    def up(self) -> list[Standing]:
-        """Alarms that consumers know to be active: raised, published, and not on the shelf."""
-        return [s for s in self._standing.values() if s.raised and s.published is not None and s.shelf is None]
-
-    @property
-    def shelved(self) -> list[Standing]:
-        """Alarms that are raised and on the shelf."""
-        return [s for s in self._standing.values() if s.raised and s.shelf is not None]
 
     # conditions -----------------------------------------------------------------------------------
 
@@ -272,28 +144,6 @@ class AlarmBook:
         standing.shelf = None
         return self.look(time)
 
-    def note(self, event: Event) -> list[Standing]:
-        """Apply an event about alarms, also repeatedly; return the active alarms that it concerns.
-
-        The event reports a person's action or the file of an evidence pack. Other events are ignored.
-        """
-        data, kind = event.data, event.kind
-        several = kind == "evidence" and "pack" in data
-        ids: Iterable[str] = data.get("alarms", ()) if several else [data["alarm"]] if kind in WORDS else ()
-        found = [self._standing[alarm_id] for alarm_id in ids if alarm_id in self]
-        for standing in found:
-            match kind:
-                case "acknowledged":
-                    standing.acknowledgement = Acknowledgement(data["name"], data["note"], event.time)
-                case "shelved":
-                    about = data["name"], data["note"], event.time, data["until"]
-                    standing.shelf = Shelf(*about, standing.alarm.severity)
-                case "unshelved":
-                    standing.shelf = None
-                case _:
-                    standing.evidence = str(data["pack"])
-        return found
-
     def _recall(self, standing: Standing, time: int) -> None:
         """Restore the acknowledgement and shelf that an alarm had before a restart."""
         before = self._expected.pop(standing.alarm.id, None)
@@ -309,8 +159,6 @@ class AlarmBook:
             raise CellwattError(f"no alarm {alarm_id!r} is active: it may have been cleared")
         return self._standing[alarm_id]
 
-    # between books --------------------------------------------------------------------------------
-
     def status(self) -> dict[str, Any]:
         """Active alarms with their acknowledgements, and shelved alarms, JSON-ready, for health."""
         alarms = [
@@ -320,60 +168,6 @@ class AlarmBook:
         about = ("id", "kind", "severity", "statement", "since")
         shelved = [{**{k: getattr(s.alarm, k) for k in about}, "shelf": _fields(s.shelf)} for s in self.shelved]
         return {"alarms": alarms, "shelved": shelved}
-
-    def hear(self, alarm: Alarm) -> Standing:
-        """Apply a message that another book published; return the new state of the alarm."""
-        standing = self._standing.pop(alarm.id, None) or Standing(alarm)
-        before = standing.published
-        if not alarm.active:
-            standing.over, standing.published, standing.holds = alarm, None, False
-            standing.acknowledgement, standing.news = None, True
-            self._over[alarm.id] = alarm.time
-            while len(self._over) > _CLEARS:
-                del self._over[next(iter(self._over))]
-            return standing
-        standing.news = before is None or (before.severity, before.joint) != (alarm.severity, alarm.joint)
-        standing.alarm = standing.published = alarm
-        standing.holds, standing.shelf = True, None
-        self._standing[alarm.id] = standing
-        return standing
-
-    def agree(self, health: Mapping[str, Any]) -> list[Standing]:
-        """Apply the alarms in the health of another book's cell (see ``status``); return those that changed thereby."""
-        time: int = health["time"]
-        alarms = {body["id"]: body for body in health.get("alarms", ())}
-        shelved = {body["id"]: body for body in health.get("shelved", ())}
-        over = [s.alarm for s in self.raised if s.alarm.id not in {**alarms, **shelved} and s.alarm.time <= time]
-        found = [self.hear(replace(alarm, active=False, time=time, statement=LOST)) for alarm in over]
-        for alarm_id, body in alarms.items():
-            if self._over.get(alarm_id, time) > time:
-                continue  # it was cleared after that
-            fields, known = {k: v for k, v in body.items() if k != "acknowledged"}, self._standing.get(alarm_id)
-            word = None if body.get("acknowledged") is None else Acknowledgement(**body["acknowledged"])
-            if known is None or known.shelf is not None:
-                found.append(known := self.hear(_ALARM.validate_python(fields)))
-            elif word != known.acknowledgement and not (word is None and known.acknowledged_after(time)):
-                found.append(known)
-                known.news = False
-            else:
-                continue
-            known.acknowledgement = word
-        for alarm_id, body in shelved.items():
-            alarm = _ALARM.validate_python(
-                {k: v for k, v in body.items() if k != "shelf"} | {"active": True, "time": time}
-            )
-            known = self._standing.setdefault(alarm_id, Standing(alarm, holds=True))
-            known.shelf = Shelf(**body["shelf"])
-        return found
-
-    def restarted(self, session: int, health: Mapping[str, Any]) -> list[Alarm]:
-        """Clears for the active alarms of an ended daemon, except those in the ``health`` of its successor.
-
-        ``session`` is the start of the successor, UTC ns; the PC's clock may have been set back before it.
-        """
-        current = {body["id"] for key in ("alarms", "shelved") for body in health.get(key, ())}
-        over = (standing.alarm for standing in self.raised if standing.alarm.id not in current)
-        return [replace(a, active=False, time=max(session, a.time), statement=RESTARTED) for a in over]
 
     # damping --------------------------------------------------------------------------------------
 
