@@ -146,11 +146,6 @@ class Stored:
     closed: bool
     """True if the file may be removed."""
 
-    @property
-    def beside(self) -> tuple[Path, ...]:
-        """Files that are removed with it."""
-        return ()
-
 
 @dataclass(frozen=True, slots=True)
 class RecordFile(Stored):
@@ -202,7 +197,6 @@ def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve:
 
 
 def remove(files: Iterable[Stored]) -> None:
-    """Delete files together with the files ``beside`` them. Raises ``OSError``."""
+    """Delete files. Raises ``OSError``."""
     for file in files:
-        for path in (*file.beside, file.path):
-            path.unlink(missing_ok=True)
+        file.path.unlink(missing_ok=True)

@@ -17,7 +17,7 @@ DIGITS = 7
 _ALARM = (
     "id", "kind", "severity", "active", "statement", "source", "joint", "alternatives", "interval", "evidence", "stage",
 )  # fmt: skip
-_SPANS: Final[Mapping[type, tuple[str, ...]]] = {
+_SPANS: Final[Mapping[type[Interval | Task | Energy], tuple[str, ...]]] = {
     Interval: ("source", "number", "moving", "closed"),
     Task: ("source", "name", "variant", "speed", "repetition"),
     Energy: (

@@ -13,6 +13,7 @@ from typing import Any, Final
 from cellwatt.child import output
 from cellwatt.errors import CellwattError, why
 from cellwatt.record import RecordSettings, packs
+from cellwatt.record.folder import Stored
 from cellwatt.record.header import PART
 from cellwatt.record.packs import Due
 from cellwatt.results import Alarm, Event
@@ -61,7 +62,7 @@ class Keeper:
         self._writing: asyncio.Future[None] | None = None
         """The last write of a note; if ``run`` is cancelled, it goes on."""
         self._noted = asyncio.Event()
-        self._stored: list[packs.Pack] = []
+        self._stored: list[Stored] = []
         self._retained_at = -RETAIN_EVERY
         self._made = self._given_up = 0
         self._problem = ""
