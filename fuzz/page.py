@@ -65,7 +65,7 @@ def _page() -> tuple[web.Application, bytes]:
     browsers = Browsers(settings.browsers)
     feed = Feed("plant", "weld", _Hub(browsers))
     alarm = next(message for message in MESSAGES if isinstance(message, Alarm))
-    feed.take_item("alarm", {name: getattr(alarm, name) for name in alarm.__dataclass_fields__})
+    feed.take_item(alarm)
 
     async def order(told: Mapping[str, Any]) -> None:
         assert told["what"] in ("acknowledge", "shelve", "unshelve")

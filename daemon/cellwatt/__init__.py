@@ -11,7 +11,6 @@ that use the data. ``Recording``, ``Subscriber`` and the names that packages reg
 
 from __future__ import annotations
 
-import warnings
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -56,7 +55,6 @@ _LATER = {
     "Row": "cellwatt.outlets.selection",
     "Subscriber": "cellwatt.subscriber",
 }
-_FORMER = {"Sink": "Outlet", "SinkError": "OutletError", "SinkSettings": "OutletSettings"}
 
 __all__ = [
     "Account",
@@ -126,10 +124,7 @@ def open(recording: Places) -> Recording:
 def __getattr__(name: str) -> Any:
     from cellwatt.registry import available, load
 
-    if name in _FORMER:
-        warnings.warn(f"cellwatt.{name} is now cellwatt.{_FORMER[name]}", DeprecationWarning, stacklevel=2)
-        value = globals()[_FORMER[name]]
-    elif name in _LATER:
+    if name in _LATER:
         value = getattr(import_module(_LATER[name]), name)
     elif not name.startswith("_") and name in available("cellwatt.api"):
         value = load("cellwatt.api", name)

@@ -107,11 +107,6 @@ class Driver(ABC, Generic[S]):
         once. The daemon sets it. Arrival times must not depend on it: the kernel stamps waiting data."""
 
     @property
-    def outlet(self) -> Inlet:
-        """Former name of ``inlet``."""
-        return self.inlet
-
-    @property
     @abstractmethod
     def streams(self) -> tuple[Stream, ...]:
         """Streams that the driver will deliver, from the settings alone, without the device."""

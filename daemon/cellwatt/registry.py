@@ -12,16 +12,12 @@ from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.outlet import Outlet
 from cellwatt.stage import Stage
 
-_FORMER = {"cellwatt.outlets": "cellwatt.sinks"}
-"""Former names of groups, under which packages may still register."""
-
 
 @cache
 def available(group: str) -> dict[str, EntryPoint]:
     """Entry points of a group by name, sorted. Raises ``CellwattError`` if two packages claim one name."""
     found: dict[str, EntryPoint] = {}
-    points = [*entry_points(group=group), *entry_points(group=_FORMER.get(group, ""))]
-    for point in sorted(points, key=lambda p: p.name):
+    for point in sorted(entry_points(group=group), key=lambda p: p.name):
         other = found.get(point.name)
         if other is not None and other.value != point.value:
             raise CellwattError(f"{group}: {point.name!r} is claimed by both {other.value} and {point.value}")

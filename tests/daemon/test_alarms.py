@@ -264,7 +264,8 @@ def test_a_book_restored_from_its_state_goes_on_as_before(
     now, book, out = 0, AlarmBook(damping), []
     for n, step in enumerate(steps):
         if n == cut:
-            book = AlarmBook(damping, json.loads(json.dumps(book.state())))
+            before, book = book, AlarmBook(damping)
+            book.adopt(json.loads(json.dumps(before.state())))
         now += step[0]
         out.append(do(book, step, now, after))
     assert out == whole

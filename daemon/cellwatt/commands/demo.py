@@ -21,7 +21,7 @@ from cellwatt.commands.doctor import rates
 from cellwatt.commands.options import SECONDS
 from cellwatt.demo.demonstration import HEALTHY, Demonstration
 from cellwatt.files import make_folder
-from cellwatt.live.bulletin import Bulletin
+from cellwatt.live.bulletin import Bulletin, message_of
 from cellwatt.progress.terminal import show_table
 
 RUNS: Mapping[str, Callable[[Demonstration], Awaitable[dict[str, Any]]]] = {
@@ -92,7 +92,7 @@ def _lines(folder: Path, seconds: float) -> Demonstration:
     bulletin = Bulletin()
 
     def show(line: Mapping[str, Any]) -> None:
-        news = [*bulletin.of_line(line)] if line["kind"] in PRINTED else []
+        news = [*bulletin.of(message_of(line))] if line["kind"] in PRINTED else []
         if bulletin.cell.status.get("sources"):
             news += bulletin.stands(time.monotonic())
         for text in news:

@@ -12,14 +12,13 @@ from typing import Any
 
 import click
 
-from cellwatt.batch import Batch
 from cellwatt.commands import EXIT_FAILED
 from cellwatt.commands.check import warn
 from cellwatt.commands.options import SECONDS
 from cellwatt.commands.ranges import summary
 from cellwatt.config import load
 from cellwatt.progress.terminal import show_table
-from cellwatt.runtime.examine import Examination, examine, examine_meters
+from cellwatt.runtime.examine import Examination, examine
 
 COLOUR = {"ok": "green", "warning": "yellow", "failed": "red"}
 
@@ -36,22 +35,16 @@ def command(file: Path, seconds: float, patience: float, as_json: bool) -> None:
 
     A device with its own clock is read up to 15 s longer, until the offset of that clock is known.
 
-    If an arm moves for long enough (--seconds 30), doctor also reports the averaging time and the delay of a slow
-    power meter.
-
     Exit code 0: all as declared (warnings allowed); 1: a device failed; 2: FILE is invalid.
     """
     config = load(file)
     if refused := warn(file, config):
         click.echo(f"warning: {refused}", err=True)
-    read: dict[str, list[Batch]] = {name: [] for name in config.sources}
 
     async def all_sources() -> list[Examination]:
-        sources = config.sources.items()
-        return await asyncio.gather(*(examine(s, seconds, patience, read[name]) for name, s in sources))
+        return await asyncio.gather(*(examine(source, seconds, patience) for source in config.sources.values()))
 
     found = asyncio.run(all_sources())
-    examine_meters(config, found, read)
     if as_json:
         click.echo(json.dumps({e.name: asdict(e) for e in found}))
     else:

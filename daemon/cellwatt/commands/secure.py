@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands import EXIT_FAILED, FILE, FOLDER
+from cellwatt.commands import EXIT_FAILED, FOLDER
 from cellwatt.errors import ConfigError
 from cellwatt.progress.terminal import show_table
 
@@ -126,28 +126,6 @@ def listing(as_json: bool, path: Path) -> None:
     if not as_json:
         show_table(("name", "role", "may", "hosts", "ends"), rows)
     if any(end < now for end in (*ends.values(), folder.authority_ends())):
-        sys.exit(EXIT_FAILED)
-
-
-@command.command()
-@click.argument("key", type=FILE)
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per file.")
-def verify(key: Path, recordings: tuple[Path, ...], as_json: bool) -> None:
-    """Check the signatures of RECORDINGS with the public KEY of a cell.
-
-    RECORDINGS are files or folders. Exit code 1 if a file is not signed with that key, or has changed since it was
-    signed.
-    """
-    from cellwatt.record.seal import verify as check
-
-    wrong = 0
-    for file, state, problem in check(recordings, key):
-        as_signed = "unchanged since its cell signed it" + (", after a repair" if state == "repaired" else "")
-        report = json.dumps({"file": str(file), "state": state, "problem": problem}) if as_json else None
-        click.echo(report or f"{file}: {problem or as_signed}")
-        wrong += bool(problem)
-    if wrong:
         sys.exit(EXIT_FAILED)
 
 

@@ -10,7 +10,6 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from cellwatt.config.places import KeyPath
-from cellwatt.door.signing import unusable
 from cellwatt.driver import SourceSettings
 from cellwatt.gather import FRAME, GATHER, LATE, UNAWAITED
 from cellwatt.host import without
@@ -137,8 +136,5 @@ class CellConfig:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about valid but dangerous settings, one line each."""
-        by_section = {name: outlet.settings.warnings() for name, outlet in self.outlets.items()}
-        if self.record is not None:
-            by_section["record"] = unusable(self.record.sign)
-        found = [f"{name}: {text}" for name, texts in by_section.items() for text in texts]
+        found = [f"{name}: {text}" for name, outlet in self.outlets.items() for text in outlet.settings.warnings()]
         return tuple(without(text, self.secrets) for text in found)

@@ -13,6 +13,8 @@ from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.site import alarm_count, stands, summary
 from cellwatt.live.state import LiveCell
+from cellwatt.outlets.zenoh.messages import from_json
+from cellwatt.results import Energy, Event, Interval, Result, Task
 from cellwatt.subscriber import Gap, Health, Message
 
 EVERY: Final = 10.0
@@ -45,6 +47,17 @@ def line_of(message: Message) -> dict[str, Any]:
     }
 
 
+def message_of(line: Mapping[str, Any]) -> Message:
+    """The message of a line of ``line_of`` that is not about a block. Raises ``ProtocolError``."""
+    kind, body = line["kind"], line["content"]
+    content: Health | Gap | Result | Event
+    if kind == "health":
+        content = Health(line["session"], body["time"], {}, body)
+    else:
+        content = Gap(**body) if kind == "gap" else from_json(kind, body)
+    return Message(line["topic"], line["session"], line["sequence"], line["backfilled"], content)
+
+
 def _power(frames: Frames) -> dict[str, Any]:
     """Power in frames: ``time``, ns, and ``power``, W by channel, ``None`` if missing; empty without power channels."""
     power = {
@@ -65,26 +78,23 @@ class Bulletin:
 
     def of(self, message: Message) -> Iterator[str]:
         """Lines about a message received by a subscriber."""
-        content = message.content
-        return self.of_line(line_of(message), content.session if isinstance(content, Health) else None)
-
-    def of_line(self, line: Mapping[str, Any], session: int | None = None) -> Iterator[str]:
-        """Lines about a message in the form that ``watch --json`` prints; ``session``: see ``LiveCell.add``."""
         if self._silent:
             self._silent = False
             yield _line("receiving messages again")
-        before, restarts = self.cell.status, self.cell.restarts
-        alarms = self.cell.add(line["kind"], line["content"], session)
-        if self.cell.restarts > restarts:
-            before = {}
-            yield _line("the daemon was restarted")
-        kind, content = line["kind"], line["content"]
-        if kind == "health":
+        content = message.content
+        if isinstance(content, Health):
+            before, restarts = self.cell.status, self.cell.restarts
+            alarms = self.cell.add_health(content.status, content.session)
+            if self.cell.restarts > restarts:
+                before = {}
+                yield _line("the daemon was restarted")
             yield from _changes(before, self.cell.status)
-        elif kind == "gap":
-            yield _line(f"{content['count']} of {line['topic']} are lost: {content['reason']}")
-        elif text := _text_of(kind, content):
-            yield _line(text, content["time" if kind == "event" else "end"])
+        else:
+            alarms = self.cell.add(content)
+            if isinstance(content, Gap):
+                yield _line(f"{content.count} of {message.topic} are lost: {content.reason}")
+            else:
+                yield from _told(content)
         for standing in alarms:
             if standing.news:
                 word = standing.alarm.severity if standing.raised else "cleared"
@@ -117,25 +127,19 @@ def _changes(before: Mapping[str, Any], status: Mapping[str, Any]) -> Iterator[s
             yield _line(f"warning: {warning}", status["time"])
 
 
-def _text_of(kind: str, content: Mapping[str, Any]) -> str:
-    """Text for a result or an event; ``""`` for kinds that are not printed."""
-    match kind:
-        case "interval" if content["closed"]:
-            joints = (
-                f"joint{'s' * (len(content['moving']) > 1)} {'+'.join(map(str, content['moving']))} moved"
-                if content["moving"]
-                else "rest"
-            )
-            return f"interval {content['number']}: {joints}, {_seconds(content)}"
-        case "task":
-            name = f"{content['name']} × {content['repetition']}"
-            return f"task {name} ({content['variant']}), {_seconds(content)}"
-        case "energy":
-            name = f"{content['task']} × {content['repetition']}"
-            return f"energy {name}: {content['total']:.0f} J ± {content['uncertainty']:.1f} J"
-        case "event":
-            return f"{content['source'] or 'cell'}: {content['text']}"
-    return ""
+def _told(content: Batch | Frames | Result | Event) -> Iterator[str]:
+    """The line about a result or an event, if its kind is printed."""
+    match content:
+        case Interval(closed=True, moving=moving):
+            moved = f"joint{'s' * (len(moving) > 1)} {'+'.join(map(str, moving))} moved" if moving else "rest"
+            yield _line(f"interval {content.number}: {moved}, {_seconds(content)}", content.end)
+        case Task(name=name, repetition=repetition):
+            yield _line(f"task {name} × {repetition} ({content.variant}), {_seconds(content)}", content.end)
+        case Energy(task=name, repetition=repetition):
+            figures = f"{content.total:.0f} J ± {content.uncertainty:.1f} J"
+            yield _line(f"energy {name} × {repetition}: {figures}", content.end)
+        case Event():
+            yield _line(f"{content.source or 'cell'}: {content.text}", content.time)
 
 
 def _standing(cell: LiveCell) -> str:
@@ -144,8 +148,8 @@ def _standing(cell: LiveCell) -> str:
     return f"{stands({**figures, 'state': cell.state})}, {alarm_count(len(cell.alarms.up))}"
 
 
-def _seconds(span: Mapping[str, Any]) -> str:
-    return f"{(span['end'] - span['start']) * 1e-9:.2f} s"
+def _seconds(span: Interval | Task) -> str:
+    return f"{(span.end - span.start) * 1e-9:.2f} s"
 
 
 def _line(text: str, ns: int | None = None) -> str:

@@ -10,10 +10,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from cellwatt.alarms import AlarmBook, Standing
+from cellwatt.alarms import FollowedAlarms, Standing
+from cellwatt.batch import Batch
 from cellwatt.frames import Frames
 from cellwatt.live.last_minute import LastMinute
-from cellwatt.results import Event
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Result, Task
+from cellwatt.subscriber import Gap
 
 CLEARED: Final = 500
 """Number of cleared alarms that are stored."""
@@ -31,9 +33,9 @@ Body = Mapping[str, Any]
 
 @dataclass
 class LiveCell:
-    """State of a cell, updated by ``add`` and ``add_frames`` with its messages in order of arrival.
+    """State of a cell, updated by ``add``, ``add_frames`` and ``add_health`` with its messages in order of arrival.
 
-    ``alarms``: the alarm book from received messages; ``cleared``: the last cleared alarms; ``forgotten``: number of
+    ``alarms``: the alarms of received messages; ``cleared``: the last cleared alarms; ``forgotten``: number of
     older cleared alarms, discarded; ``predicted``: outputs of models, by model; ``heard``: monotonic time, s, of the
     last message.
     """
@@ -41,43 +43,49 @@ class LiveCell:
     status: Body = field(default_factory=dict)
     session: int | None = None
     restarts: int = 0
-    alarms: AlarmBook = field(default_factory=AlarmBook)
+    alarms: FollowedAlarms = field(default_factory=FollowedAlarms)
     cleared: deque[Standing] = field(default_factory=lambda: deque(maxlen=CLEARED))
     forgotten: int = 0
-    intervals: deque[Body] = field(default_factory=lambda: deque(maxlen=32))
-    task: Body | None = None
-    energies: dict[str, deque[Body]] = field(default_factory=dict)
+    intervals: deque[Interval] = field(default_factory=lambda: deque(maxlen=32))
+    task: Task | None = None
+    energies: dict[str, deque[Energy]] = field(default_factory=dict)
     frames: LastMinute = field(default_factory=LastMinute)
     predicted: dict[str, LastMinute] = field(default_factory=dict)
     heard: float | None = None
     heard_at: int = 0
     """UTC time of the last message, ns."""
 
-    def add(self, kind: str, body: Body, session: int | None = None) -> list[Standing]:
-        """Update the state from the fields of a health message, result or event; return the alarms it concerns.
+    def add(self, item: Result | Event | Batch | Frames | Gap) -> list[Standing]:
+        """Update the state from a result or event; return the alarms it concerns.
 
-        ``session`` of a health message: another than before ends alarms and tasks of the daemon before it. Any other
-        ``kind`` only shows that the cell is there.
+        Any other content of a message only shows that the cell is there.
         """
         self._alive()
-        if kind == "health":
-            ended = [] if session is None else self._session(session, body)
-            return [*ended, *self._health(body)]
-        if kind == "alarm":
-            return self._over([self.alarms.hear(body)])
-        if kind == "event":
-            return self.alarms.note(Event(**body))
-        if kind == "interval" and body["closed"]:
-            self.intervals.append(body)
-        elif kind == "task":
-            self.task = body
-        elif kind == "energy":
-            self.energies.setdefault(body["task"], deque(maxlen=REPETITIONS)).append(body)
-            if len(self.energies) > TASKS:
-                del self.energies[min(self.energies, key=lambda name: self.energies[name][-1]["end"])]
-        elif kind == "prediction":
-            self._prediction(body)
+        match item:
+            case Alarm():
+                return self._over([self.alarms.hear(item)])
+            case Event():
+                return self.alarms.note(item)
+            case Interval(closed=True):
+                self.intervals.append(item)
+            case Task():
+                self.task = item
+            case Energy():
+                self.energies.setdefault(item.task, deque(maxlen=REPETITIONS)).append(item)
+                if len(self.energies) > TASKS:
+                    del self.energies[min(self.energies, key=lambda name: self.energies[name][-1].end)]
+            case Prediction():
+                self._prediction(item)
         return []
+
+    def add_health(self, status: Body, session: int | None = None) -> list[Standing]:
+        """Update the state from the cell's health; return the alarms it concerns.
+
+        Another ``session`` than before ends alarms and tasks of the daemon before it.
+        """
+        self._alive()
+        ended = [] if session is None else self._session(session, status)
+        return [*ended, *self._health(status)]
 
     def add_frames(self, frames: Frames) -> None:
         """Store the values of frames."""
@@ -121,7 +129,7 @@ class LiveCell:
             return []
         self.restarts += 1
         self.status, self.task, self.energies = {}, None, {}
-        before, self.alarms = self.alarms, AlarmBook()
+        before, self.alarms = self.alarms, FollowedAlarms()
         return self._over([before.hear(clear) for clear in before.restarted(session, status)])
 
     def _over(self, alarms: list[Standing]) -> list[Standing]:
@@ -132,10 +140,8 @@ class LiveCell:
                 self.cleared.append(standing)
         return alarms
 
-    def _prediction(self, body: Body) -> None:
-        names = tuple(body["outputs"])
-        values = np.array([[np.nan if v is None else v for v in body["outputs"][name]] for name in names]).T
-        units = [body["units"][name] for name in names]
-        self.predicted.setdefault(body["model"], LastMinute()).add(
-            np.array(body["time"], np.int64), names, units, values.reshape(len(body["time"]), len(names))
-        )
+    def _prediction(self, item: Prediction) -> None:
+        names = tuple(item.outputs)
+        values = np.array([item.outputs[name] for name in names]).T.reshape(len(item.time), len(names))
+        units = [item.units[name] for name in names]
+        self.predicted.setdefault(item.model, LastMinute()).add(np.array(item.time, np.int64), names, units, values)

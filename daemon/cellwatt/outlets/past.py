@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -15,19 +14,15 @@ from cellwatt.errors import RecordingError
 from cellwatt.frames import cut
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.record import Recording
-from cellwatt.record.folder import RecordFile, files_of
+from cellwatt.record.overlap import recordings_between
 from cellwatt.record.survey import survey
 from cellwatt.results import Alarm, Energy, Task
 
 ARCHIVED: Final = {"alarms": Alarm, "tasks": Task, "energies": Energy}
 """Types of the results that are back-filled, by table."""
 Archived = Alarm | Task | Energy
-LATE: Final = 3600 * 10**9
-"""Largest step back, ns, of the cell's clock between two recordings."""
 BEYOND: Final = 2_000_000_000
 """A frame within this time, ns, after a span shows that the record of the span is complete."""
-DELAY: Final = 300 * 10**9
-"""Longest time, ns, from the end of what a result is about until the result is recorded."""
 PATIENCE: Final = 30_000_000_000
 """Time after the end of a span, ns, from which the record of the span counts as complete."""
 WRITTEN: Final = 60.0
@@ -57,7 +52,7 @@ def read(
     Raises ``OSError`` if the folder cannot be read, ``RecordingError`` if the recording being written cannot be read;
     other damaged or deleted recordings are skipped.
     """
-    recordings = list(_recordings(folder, cell, after, until))[::-1]
+    recordings = list(_recordings(folder, cell, after, until))
     span = _rows(recordings, selection, after, until, most)
     for recording in recordings if results and span.until > after else ():
         for kind in ARCHIVED.values():
@@ -90,36 +85,13 @@ def _rows(recordings: list[Recording], selection: Selection, after: int, until: 
 
 
 def _recordings(folder: Path, cell: str, after: int, until: int) -> Iterator[Recording]:
-    """Recordings that may overlap the span, the newest first."""
-    files = [file for file in files_of(folder, cell) if file.name.session <= until]
-    for file, before in reversed([*zip(files, files[:1] + files, strict=False)]):
-        follows = before.closed and before.name.session == file.name.session
-        if not file.closed and follows and reach(before)[1] > until + DELAY:
-            continue  # it begins after the span; all of it would be scanned to find its start
-        recording = None if file.closed else opened(file.path)
-        if recording is None and not file.closed and time.time() - file.modified < WRITTEN:
+    """Recordings that may overlap the span, in the order in which they were recorded."""
+    for file in recordings_between(folder, cell, after + 1, until + BEYOND):
+        recording = opened(file.path)
+        if recording is not None:
+            yield recording
+        elif not file.closed and time.time() - file.modified < WRITTEN:
             raise RecordingError(f"{file.path} is being written, and cannot be read yet")
-        start, end = reach(file) if recording is None else (recording.start, recording.end)
-        if end > after and start <= until + BEYOND:
-            recording = opened(file.path) if recording is None else recording
-            if recording is not None:
-                yield recording
-        if end and start <= after - LATE:
-            return
-
-
-def reach(file: RecordFile) -> tuple[int, int]:
-    """Start and end of a closed recording, UTC ns; 0 if nothing in it can be read now."""
-    try:
-        return _reach(file)
-    except (RecordingError, FileNotFoundError):
-        return 0, 0
-
-
-@lru_cache(maxsize=16_384)  # weeks of files are looked through for each part of a back-fill
-def _reach(file: RecordFile) -> tuple[int, int]:
-    contents = survey(file.path, chunks=False).contents
-    return contents.start, contents.end
 
 
 def opened(path: Path) -> Recording | None:

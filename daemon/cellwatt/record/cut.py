@@ -5,19 +5,18 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.record.encoder import Encoder, Item, Redeclared
 from cellwatt.record.files import CHUNK
-from cellwatt.record.folder import RecordFile, files_of
 from cellwatt.record.header import PART, Header
 from cellwatt.record.openfile import OpenFile
+from cellwatt.record.overlap import reach, recordings_between
 from cellwatt.record.reader import Recording
-from cellwatt.record.survey import survey, utc
+from cellwatt.record.survey import utc
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,8 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
 
     Raises ``RecordingError`` if nothing was recorded in that span or the file cannot be written.
     """
-    within = list(_within(files_of(folder, cell), start, end))
+    files = recordings_between(folder, cell, start, end)
+    within = [file.path for file in files if file.closed or reach(file)[0] <= end]
     nothing = f"{folder}: nothing of cell {cell} was recorded from {utc(start)} to {utc(end)}"
     if not within:
         raise RecordingError(nothing)
@@ -56,24 +56,6 @@ def cut(folder: Path, cell: str, start: int, end: int, to: Path, *, reserve: flo
         raise RecordingError(nothing)
     lost = tuple(map(str, recording.damage))
     return Cut(to, contents.start, contents.end, contents.counts.total(), file.size, recording.paths, lost)
-
-
-def _within(files: Iterable[RecordFile], start: int, end: int) -> Iterator[Path]:
-    """Files that may hold data of a span; those of a session are in the order of their times.
-
-    Months of recordings, opened at once, take more memory than the daemon.
-    """
-    for _, session in groupby(files, key=lambda stored: stored.name.session):
-        for stored in reversed([*session]):
-            try:
-                contents = survey(stored.path, chunks=False).contents
-            except RecordingError:
-                yield stored.path  # whoever opens it reports the damage
-                continue
-            if contents.counts and contents.end < start:
-                break
-            if contents.start <= end:
-                yield stored.path
 
 
 def write_file(to: Path, header: Header, items: Iterable[tuple[Header, Item]], reserve: float = 0.0) -> OpenFile:

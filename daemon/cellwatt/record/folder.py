@@ -18,7 +18,6 @@ from typing import Final, TypeVar
 
 from cellwatt.errors import RecordingError
 from cellwatt.record.header import DAMAGED, PART, FileName, closed_name, plain_cell
-from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import RecordSettings
 from cellwatt.record.survey import names_in
 
@@ -147,11 +146,6 @@ class Stored:
     closed: bool
     """True if the file may be removed."""
 
-    @property
-    def beside(self) -> tuple[Path, ...]:
-        """Files that are removed with it: its seal."""
-        return (seal_of(self.path),)
-
 
 @dataclass(frozen=True, slots=True)
 class RecordFile(Stored):
@@ -203,7 +197,6 @@ def surplus(files: Sequence[S], *, keep: float, age: float, now: float, reserve:
 
 
 def remove(files: Iterable[Stored]) -> None:
-    """Delete files together with the files ``beside`` them. Raises ``OSError``."""
+    """Delete files. Raises ``OSError``."""
     for file in files:
-        for path in (*file.beside, file.path):
-            path.unlink(missing_ok=True)
+        file.path.unlink(missing_ok=True)

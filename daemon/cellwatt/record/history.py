@@ -8,7 +8,7 @@ from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from io import FileIO
 from itertools import takewhile
 from pathlib import Path
@@ -23,8 +23,6 @@ from cellwatt.record.decoder import Track, tracks_of
 from cellwatt.record.encoder import FRAME_TOPIC, Item, topic_of
 from cellwatt.record.folder import RecordFile, listing
 from cellwatt.record.reader import numbered_items
-from cellwatt.record.seal import Seal
-from cellwatt.record.seal import read as read_seal
 from cellwatt.record.survey import Survey, open_recording, survey
 from cellwatt.record.writer import Recorder
 from cellwatt.results import Event, Result
@@ -45,8 +43,6 @@ class FileIndex:
     end: int
     messages: int
     firsts: Mapping[str, tuple[int, int]]
-    seal: Seal | None = None
-    """Signature of the file, see ``record.seal``."""
 
 
 def tracks_in(contents: Contents) -> dict[int, Track]:
@@ -59,8 +55,7 @@ def look_at(stored: RecordFile) -> FileIndex:
     try:
         if stored.path.suffix == ".mcap":
             found: Survey = survey(stored.path, chunks=False)
-            known = index_of(stored, found.contents, "closed" if not found.damage and found.closed else "damaged")
-            return replace(known, seal=read_seal(stored.path))
+            return index_of(stored, found.contents, "closed" if not found.damage and found.closed else "damaged")
         if not stored.closed:
             with open_recording(stored.path)[1] as file:
                 summary = read_summary(file, chunks=False)
@@ -121,7 +116,6 @@ class History:
                     "bytes": known.stored.size,
                     "messages": known.messages,
                     "state": known.state,
-                    **({} if known.seal is None else {"seal": asdict(known.seal)}),
                 }
                 for known in self._files()
             ]

@@ -1,8 +1,8 @@
 """Evidence packs as files: their names, the packs due, and the packs stored.
 
 A pack is ``<cell>_<time of the alarm, UTC>_<id of the alarm>.mcap`` in the folder ``evidence`` of the record, with a
-page (``.html``) beside it, and a seal if recordings are signed. A pack that is due is noted in a file with the suffix
-``.due``, so that the next daemon cuts it if this one is killed.
+page (``.html``) beside it. A pack that is due is noted in a file with the suffix ``.due``, so that the next daemon cuts
+it if this one is killed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from cellwatt.alarms import SEVERITIES
 from cellwatt.files import WRITTEN, read_bytes, replace_bytes
 from cellwatt.record.folder import Stored, remove, surplus
 from cellwatt.record.header import plain_cell
-from cellwatt.record.seal import seal_of
 from cellwatt.record.settings import EvidenceSettings
 from cellwatt.results import Alarm
 
@@ -117,39 +116,30 @@ def all_due(folder: Path, cell: str) -> list[Due]:
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class Pack(Stored):
-    """A stored pack; ``size`` includes page and seal."""
-
-    @property
-    def beside(self) -> tuple[Path, ...]:
-        """Page and seal."""
-        return (page_of(self.path), seal_of(self.path))
-
-
 def page_of(pack: Path) -> Path:
     """Path of a pack's page."""
     return pack.with_suffix(".html")
 
 
-def listing(folder: Path, cell: str) -> list[Pack]:
-    """The packs of one cell, oldest first; files with other names are never touched."""
+def listing(folder: Path, cell: str) -> list[Stored]:
+    """The packs of one cell, oldest first, each with the size of its page; files with other names are never touched."""
     found = []
     for path in folder.iterdir() if folder.is_dir() else ():
         match = _NAME.fullmatch(path.name)
         if match is None or match["cell"] != plain_cell(cell):
             continue
         with contextlib.suppress(FileNotFoundError):
-            status = path.stat()
-            pack = Pack(path, status.st_size, status.st_mtime, closed=True)
-            size = status.st_size + sum(p.stat().st_size for p in pack.beside if p.exists())
-            found.append(replace(pack, size=size))
+            status, page = path.stat(), page_of(path)
+            size = status.st_size + (page.stat().st_size if page.exists() else 0)
+            found.append(Stored(path, size, status.st_mtime, closed=True))
     return sorted(found, key=lambda p: p.path.name)
 
 
-def retain(folder: Path, cell: str, settings: EvidenceSettings, now: float) -> list[Pack]:
-    """Remove packs beyond budget and age; return the others. ``now`` UTC s. Raises ``OSError``."""
+def retain(folder: Path, cell: str, settings: EvidenceSettings, now: float) -> list[Stored]:
+    """Remove packs beyond budget and age, with their pages; return the others. ``now`` UTC s. Raises ``OSError``."""
     packs = listing(folder, cell)
     gone = surplus(packs, keep=settings.keep, age=settings.age, now=now, reserve=0.0)
+    for pack in gone:
+        page_of(pack.path).unlink(missing_ok=True)
     remove(gone)
     return [pack for pack in packs if pack not in gone]

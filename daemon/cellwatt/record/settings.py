@@ -75,8 +75,6 @@ class RecordSettings(Section):
     """Memory for samples that wait while the disk is slow or full; further samples are dropped and counted."""
     frames: bool = True
     """Record the aligned frames beside the raw samples."""
-    sign: Path | None = None
-    """Private key (Ed25519, PEM) that signs each finished file, in ``NAME.mcap.sig`` beside it."""
     evidence: EvidenceSettings = EvidenceSettings()
     """Evidence packs of alarms, in the folder ``evidence`` beside the recordings."""
 

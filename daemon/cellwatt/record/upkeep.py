@@ -12,10 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from cellwatt.door.signing import Signer
-from cellwatt.errors import ConfigError
 from cellwatt.files import sync_folder
-from cellwatt.record import seal
 from cellwatt.record.folder import RecordFile, listing, remove, surplus
 from cellwatt.record.header import FileName
 from cellwatt.record.openfile import DisplacedError, OpenFile, check_place
@@ -173,8 +170,6 @@ class Upkeep:
             # No content of a file may stop the daemon or the repair of other files.
             log.exception("%s cannot be repaired", part)
             recovery = Recovery(part, problem=f"cannot be repaired: {error}; it is unchanged")
-        if recovery is not None and recovery.result is not None:
-            self._sign(recovery.result, "repaired")
         if recovery is not None:
             self._recovered.append(recovery)
             if recovery.problem and part.exists():
@@ -182,7 +177,6 @@ class Upkeep:
         return recovery
 
     def _publish(self, file: OpenFile) -> None:
-        self._sign(file.part, "closed")
         try:
             file.publish()
         except OSError as error:
@@ -190,16 +184,6 @@ class Upkeep:
             file.release()
             self._left.add(file.part)
         self._retain()
-
-    def _sign(self, recording: Path, state: seal.State) -> None:
-        """Sign a recording; if that fails, it stays unsigned and the failure is reported."""
-        if self._settings.sign is None:
-            return
-        try:
-            seal.write(recording, state, Signer(self._settings.sign))
-        except (OSError, ConfigError) as error:
-            self._problem = f"{recording.name} could not be signed: {error}"
-            log.warning("recording: %s", self._problem)
 
     def _retain(self) -> None:
         settings = self._settings

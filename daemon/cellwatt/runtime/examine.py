@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,15 +12,11 @@ import numpy as np
 from cellwatt.batch import Batch
 from cellwatt.channel import Quality
 from cellwatt.clock.cell import CellClock
-from cellwatt.config import CellConfig, SourceConfig
-from cellwatt.errors import CellwattError, SourceError
+from cellwatt.config import SourceConfig
+from cellwatt.errors import SourceError
 from cellwatt.registry import driver as find_driver
-from cellwatt.registry import stage as find_stage
-from cellwatt.results import Alarm, Event
-from cellwatt.runtime.assemble import layout_of
-from cellwatt.runtime.replaying import replay_frames
+from cellwatt.results import Event
 from cellwatt.runtime.source import Source
-from cellwatt.stage import CellInfo
 
 log = logging.getLogger(__name__)
 
@@ -63,12 +57,13 @@ class Examination:
     channels: list[ChannelCheck] = field(default_factory=list)
 
 
-async def examine(config: SourceConfig, seconds: float, patience: float, batches: list[Batch]) -> Examination:
+async def examine(config: SourceConfig, seconds: float, patience: float) -> Examination:
     """Identify a device, read it for ``seconds``, and judge it. Opens it read-only.
 
-    The device must answer within ``patience`` s. The samples are appended to ``batches``, which must be empty.
+    The device must answer within ``patience`` s.
     """
     clock = CellClock()
+    batches: list[Batch] = []
     events: list[Event] = []
     driver = find_driver(config.driver)
     source = Source(config.name, driver, config.settings, clock.now, batches.append, events.append)
@@ -192,31 +187,3 @@ def _add_events(result: Examination, events: list[Event]) -> None:
             _warn(result, text + more)
     if len(by_kind) > MOST_EVENTS:
         _warn(result, f"{len(by_kind) - MOST_EVENTS} more kinds of events")
-
-
-STAGE = "meter"
-"""Stage that finds the timing of a slow meter."""
-
-
-def examine_meters(config: CellConfig, found: Sequence[Examination], read: Mapping[str, Sequence[Batch]]) -> None:
-    """Add the statement of the meter stage, on averaging and delay, to the findings of each source with a slow meter.
-
-    The settings are those of the cell's own meter stage, if it has one. Without a slow meter or an arm, nothing is
-    added.
-    """
-    streams = {name: tuple({b.stream.name: b.stream for b in batches}.values()) for name, batches in read.items()}
-    settings = next((s.settings for s in config.stages.values() if s.kind == STAGE), None)
-    try:
-        kind = find_stage(STAGE)
-        layout = layout_of(streams, config.frames)
-        cell = CellInfo(config.site, config.cell, config.robot, config.folder)
-        stage = kind(STAGE, settings or kind.Settings(), layout, cell)
-    except CellwattError:
-        return
-    entries = sorted(chain.from_iterable(read.values()), key=lambda batch: batch.arrival)
-    results = [r for frames in replay_frames(entries, streams, config.frames) for r in stage.process(frames, ())]
-    for alarm in (r for r in [*results, *stage.close()] if isinstance(r, Alarm)):
-        source = next(e for e in found if e.name == alarm.source)
-        source.findings.append(alarm.statement)
-        if alarm.severity != "info" and source.verdict == "ok":
-            source.verdict = "warning"

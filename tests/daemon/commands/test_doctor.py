@@ -25,9 +25,9 @@ def samples(step: int, current: float, latency: int = 0) -> Order:
 
     async def order(driver: FakeDriver) -> None:
         for n in range(50):
-            driver.outlet.account.expect()
+            driver.inlet.account.expect()
             at = 10**18 + n * step
-            driver.outlet.emit(Reading(STREAM, np.array([[float(n), current]]), at, asked=at - latency))
+            driver.inlet.emit(Reading(STREAM, np.array([[float(n), current]]), at, asked=at - latency))
 
     return order
 
@@ -103,7 +103,7 @@ def test_what_the_device_said_meanwhile_is_told(call: Call, cell: Path) -> None:
             ("value_refused", "arm: bus.power is left out: \x1b[2Jit has no such register"),
             ("value_refused", "arm: bus.energy is left out"),
         ):
-            driver.outlet.event(kind, text)
+            driver.inlet.event(kind, text)
 
     DEVICES["arm"].tell(give(50), says)
     code, found = look(call, cell)

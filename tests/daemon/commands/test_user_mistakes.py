@@ -40,6 +40,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "bad.yaml").write_text("site: [\n")
     (place / "unknown.yaml").write_text(CELL.replace("fake", "fakes"))
     (place / "off.yaml").write_text(CELL + "zenoh: off\n")
+    (place / "silent.yaml").write_text(CELL + "zenoh: {}\n")
     (place / "nonsense.mcap").write_bytes(b"nonsense" * 100)
     (place / "untimed.csv").write_text("a,b\n1,2\n")
     (place / "recordings").mkdir()
@@ -91,7 +92,9 @@ MISTAKES = [
     (("view", "untimed.csv"), USAGE, "untimed.csv is no settings file: draw it with cellwatt plot, or drop it on"),
     (("watch", "weld.yaml", "--cell", "other"), USAGE, "--site and --cell name the cell of --connect, not that of"),
     (("view", "weld.yaml", "--foxglove", "--arm", "arm=a.urdf"), USAGE, "--page and --arm are for browsers, not for"),
-    (("watch", "off.yaml"), USAGE, "zenoh has neither listen nor connect; or use --connect"),
+    (("watch", "off.yaml"), USAGE, "not on the bus: zenoh is off; or use --connect"),
+    (("health", "off.yaml"), USAGE, "zenoh is off; set zenoh: {listen: [tcp/127.0.0.1:7447]}, or ask the outlet"),
+    (("health", "silent.yaml"), USAGE, "zenoh has neither listen nor connect; set zenoh: {listen: [tcp/127.0.0.1:"),
     (("watch", *CONNECT, "192.0.2.1"), USAGE, "'192.0.2.1' is not an endpoint; expected protocol/host:port, like"),
     (("watch", *CONNECT, "tls/192.0.2.1:7447"), USAGE, "tls/192.0.2.1:7447 needs --ca FILE, and --certificate and"),
     (("demo", "--seconds", "3"), USAGE, "at least 20 s are needed"),

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from cellwatt import Alarm, Energy, Frames, Interval, Prediction, Task
-from cellwatt.live.bulletin import line_of
 from cellwatt.live.state import LiveCell
 from cellwatt.subscriber import Gap, Health, Message
 from tests.blocks import frames_of, layout_of
@@ -22,11 +21,13 @@ GROUPS = {"brakes": 5.5, "electronics": 60.0, "stored": 0.0, "regeneration": 0.2
 
 def hear(cell: LiveCell, message: Message) -> None:
     """Tell a cell what a subscriber got."""
-    if isinstance(message.content, Frames):
-        cell.add_frames(message.content)
+    content = message.content
+    if isinstance(content, Frames):
+        cell.add_frames(content)
+    elif isinstance(content, Health):
+        cell.add_health(content.status, content.session)
     else:
-        line = line_of(message)
-        cell.add(line["kind"], line["content"], line["session"])
+        cell.add(content)
 
 
 def source(state: str = "ok", error: str | None = None, lost: int = 0) -> dict[str, Any]:

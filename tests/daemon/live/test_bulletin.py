@@ -2,7 +2,7 @@
 
 import json
 
-from cellwatt.live.bulletin import EVERY, Bulletin, line_of
+from cellwatt.live.bulletin import EVERY, Bulletin, line_of, message_of
 from tests.daemon.live.cells import alarm, energy, gap, health, interval, source, task
 
 
@@ -36,9 +36,8 @@ def test_results_are_told_with_their_time() -> None:
 
 def test_lines_of_watch_json_tell_the_same() -> None:
     messages = (health(), interval(1, (2,), 1.0), task(4), energy(4), alarm("a"), gap(30), alarm("a", active=False))
-    bulletin = Bulletin()
     lines = [json.loads(json.dumps(line_of(message))) for message in messages]
-    assert [text.split(" ", 1)[1] for line in lines for text in bulletin.of_line(line)] == said(Bulletin(), *messages)
+    assert said(Bulletin(), *map(message_of, lines)) == said(Bulletin(), *messages)
 
 
 def test_an_alarm_is_told_when_it_is_raised_changed_and_cleared() -> None:

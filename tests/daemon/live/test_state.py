@@ -58,9 +58,9 @@ def test_tasks_energies_frames_and_predictions_are_kept() -> None:
         frames(0, [1.0, 2.0]),
         prediction(0, [float("nan"), 3.0]),
     )
-    assert [i["number"] for i in cell.intervals] == [1], "only closed ones"
-    assert cell.task is not None and cell.task["repetition"] == 4
-    assert [e["total"] for e in cell.energies["task_1"]] == [60.0, 64.0]
+    assert [i.number for i in cell.intervals] == [1], "only closed ones"
+    assert cell.task is not None and cell.task.repetition == 4
+    assert [e.total for e in cell.energies["task_1"]] == [60.0, 64.0]
     assert cell.frames.names[3] == "mains.supply.power"
     assert cell.frames.values[:, 3].tolist() == [301.0, 302.0]
     assert (cell.predicted["model"].names[0], cell.predicted["model"].values[1, 0]) == ("power", 3.0)

@@ -17,6 +17,7 @@ from cellwatt.errors import RecordingError
 from cellwatt.outlets import past
 from cellwatt.outlets.past import read
 from cellwatt.outlets.selection import Picker, Selection
+from cellwatt.record import overlap
 from cellwatt.record.survey import Survey, survey
 from cellwatt.results import Alarm
 from tests.daemon.outlets.page.recorded import CELL, Written, frames, recording
@@ -96,6 +97,16 @@ def test_other_channels_make_other_rows(tmp_path: Path, start: int) -> None:
     assert all(a.time <= b.time for a, b in pairwise(part.rows))
 
 
+def test_what_was_recorded_before_the_clock_was_set_back_is_found(tmp_path: Path, start: int) -> None:
+    """The later session begins, by its clock, three hours before the end of the one before."""
+    hours = 3 * 3600 * 10**9
+    recording(tmp_path, [[block(start - 2 * hours, 1, 30)]], 1, session=start - 2 * hours)
+    recording(tmp_path, [[block(start, 1, 30)]], 2, session=start - 2 * hours)
+    recording(tmp_path, [[block(start - hours, 1, 30)]], 1, session=start - hours)
+    part = read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100)
+    assert part.whole and [r.time for r in part.rows] == [start + n * SPAN for n in (1, 2, 3, 4)]
+
+
 def test_what_is_damaged_or_gone_is_left_out(tmp_path: Path, start: int) -> None:
     recording(tmp_path, [[block(start, 1, 10)]], 1, session=start - 1)
     broken = recording(tmp_path, [[block(start, 11, 10)]], 2, session=start - 1)
@@ -140,7 +151,8 @@ def test_recordings_that_do_not_belong_to_the_span_are_opened_once_at_most(
         looked.append(path.name)
         return survey(path, **how)
 
-    monkeypatch.setattr(past, "survey", noted)
+    for module in (past, overlap):
+        monkeypatch.setattr(module, "survey", noted)
     after, until, reads = start + 60 * SPAN, start + 90 * SPAN, 0
     while not (part := read(tmp_path, CELL, SELECTION, after, until, 5)).whole:
         assert len(part.rows) == 5
@@ -163,6 +175,7 @@ def test_a_recording_that_could_not_be_opened_once_is_read_later(
 ) -> None:
     recording(tmp_path, [[block(start, 1, 30)]], session=start - 1)
     with monkeypatch.context() as patched:
-        patched.setattr(past, "survey", Mock(side_effect=RecordingError("Too many open files")))
+        for module in (past, overlap):
+            patched.setattr(module, "survey", Mock(side_effect=RecordingError("Too many open files")))
         assert read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100).rows == []
     assert len(read(tmp_path, CELL, SELECTION, start, start + 4 * SPAN, 100).rows) == 4

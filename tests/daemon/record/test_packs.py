@@ -87,7 +87,6 @@ def made(folder, n, size=1000, age=0.0):
     path = folder / f"{name_of(CELL, alarm(at=n))}.mcap"
     path.write_bytes(b"x" * size)
     path.with_suffix(".html").write_bytes(b"y" * size)
-    path.with_name(path.name + ".sig").write_bytes(b"z" * size)
     os.utime(path, (2e9 - age, 2e9 - age))
     return path
 
@@ -95,11 +94,11 @@ def made(folder, n, size=1000, age=0.0):
 def test_budget_and_age_of_packs_count_what_stands_beside_them(tmp_path):
     paths = [made(tmp_path, n, age=100.0 * (5 - n)) for n in range(5)]
     (tmp_path / "notes.mcap").write_bytes(b"not ours")
-    assert [p.size for p in listing(tmp_path, CELL)] == [3000] * 5
-    kept = retain(tmp_path, CELL, EvidenceSettings(keep=9500.0, age=0.0), 2e9)
+    assert [p.size for p in listing(tmp_path, CELL)] == [2000] * 5
+    kept = retain(tmp_path, CELL, EvidenceSettings(keep=6500.0, age=0.0), 2e9)
     assert [p.path for p in kept] == paths[2:]
     kept = retain(tmp_path, CELL, EvidenceSettings(keep=1e6, age=150.0), 2e9)
     assert [p.path for p in kept] == paths[4:]
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(
-        ["notes.mcap", *(paths[4].name.replace(".mcap", end) for end in (".mcap", ".html", ".mcap.sig"))]
+        ["notes.mcap", *(paths[4].name.replace(".mcap", end) for end in (".mcap", ".html"))]
     )

@@ -20,7 +20,7 @@ def _installed(monkeypatch):
 
 async def look(place: dict[str, object], seconds: float = 0.6, **changes: object) -> Examination:
     settings = AbbSettings.model_validate(place | {"web_rate": "10 Hz"} | changes)
-    return await examine(SourceConfig("arm", "abb", settings), seconds, 5.0, [])
+    return await examine(SourceConfig("arm", "abb", settings), seconds, 5.0)
 
 
 async def test_a_clock_that_is_not_known_yet_is_a_warning(monkeypatch):

@@ -18,6 +18,7 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import LIMIT, Kind
 from cellwatt.progress.log_lines import log_to_stderr
+from cellwatt.results import Event, Result
 
 log = logging.getLogger(__name__)
 
@@ -29,10 +30,10 @@ ANSWER: Final = 5.0
 
 @dataclass(frozen=True)
 class Shown:
-    """Handlers of the daemon's messages: frames; kind and fields of a result or event; health."""
+    """Handlers of the daemon's messages: frames; a result or event; health."""
 
     frames: Callable[[Frames], Awaitable[None] | None] | None = None
-    item: Callable[[str, Mapping[str, Any]], Awaitable[None] | None] | None = None
+    item: Callable[[Result | Event], Awaitable[None] | None] | None = None
     health: Callable[[Mapping[str, Any]], Awaitable[None] | None] | None = None
 
 
@@ -79,7 +80,7 @@ class Daemon:
             case Kind.FRAMES if shown.frames is not None:
                 return shown.frames(Frames(self._layout, *body))
             case Kind.ITEM if shown.item is not None:
-                return shown.item(*body)
+                return shown.item(body)
             case Kind.HEALTH if shown.health is not None:
                 return shown.health(body)
             case _:

@@ -9,7 +9,6 @@ import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import fields
 from typing import Any, ClassVar, Final, TypeVar
 
 from cellwatt.batch import Batch
@@ -18,7 +17,7 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.outlet import CellView, Item, Outlet, OutletSettings
 from cellwatt.outlets.apart import wire
 from cellwatt.outlets.apart.wire import Kind, end_of, running
-from cellwatt.outlets.zenoh.messages import parse_json, topic_of
+from cellwatt.outlets.zenoh.messages import parse_json
 from cellwatt.processor import spent, starved
 from cellwatt.results import Event, Result
 from cellwatt.together import until_one_ends
@@ -203,7 +202,7 @@ class ApartOutlet(Apart[S]):
     async def tell(self, writer: asyncio.StreamWriter) -> None:
         """Send past, waiting and new items, until cancelled."""
         for item in await asyncio.to_thread(self._past):
-            self._pass(writer, 0, _item(item))
+            self._pass(writer, 0, (Kind.ITEM, item))
             await writer.drain()
         layout: Layout | None = None
         while True:
@@ -211,7 +210,7 @@ class ApartOutlet(Apart[S]):
             self._fresh.clear()
             while self._results or self._blocks or self._status is not None:
                 if self._results:
-                    self._pass(writer, 1, _item(self._results.popleft()))
+                    self._pass(writer, 1, (Kind.ITEM, self._results.popleft()))
                 if self._blocks:
                     block = self._blocks.popleft()
                     head = [] if block.layout is layout else [(Kind.LAYOUT, block.layout)]
@@ -250,9 +249,3 @@ class ApartOutlet(Apart[S]):
         else:
             self.view.unshelve(alarm, name)
         self.account.count(f"{question['what']} by a person")
-
-
-def _item(item: Result | Event) -> tuple[Kind, Any]:
-    """A result or event as its kind of topic and its fields."""
-    body = {field.name: getattr(item, field.name) for field in fields(item)}
-    return Kind.ITEM, (topic_of(item).partition("/")[0], body)

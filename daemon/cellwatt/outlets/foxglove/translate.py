@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from cellwatt.alarms import AlarmBook
+from cellwatt.alarms import FollowedAlarms
 from cellwatt.frames import Frames, Layout
 from cellwatt.outlets.foxglove.topics import (
     JSON_TOPICS,
@@ -36,7 +36,7 @@ class Translator:
 
     def __init__(self) -> None:
         self._rows: FrameRows | None = None
-        self._alarms = AlarmBook()
+        self._alarms = FollowedAlarms()
         self._session: int | None = None
         self._log = log_topic()
 

@@ -19,11 +19,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from cellwatt.frames import Frames, cut
-from cellwatt.outlets.past import ARCHIVED, Archived, opened, reach
+from cellwatt.outlets.past import ARCHIVED, Archived, opened
 from cellwatt.outlets.selection import Picker, Row, Selection
 from cellwatt.outlets.zenoh.messages import encode_json
 from cellwatt.record.folder import RecordFile, files_of
 from cellwatt.record.messages import time_of
+from cellwatt.record.overlap import reach
 from cellwatt.record.reader import EVER
 from cellwatt.results import Alarm, Energy, Task
 from cellwatt.version import __version__

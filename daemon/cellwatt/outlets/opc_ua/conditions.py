@@ -11,7 +11,7 @@ from typing import Any, Final
 from asyncua import Node, Server, ua
 from asyncua.server.event_generator import EventGenerator
 
-from cellwatt.alarms import AlarmBook, Standing
+from cellwatt.alarms import FollowedAlarms, Standing
 from cellwatt.errors import CellwattError
 from cellwatt.results import Alarm, Event
 
@@ -41,7 +41,7 @@ class Conditions:
         self._own = own
         self._parent = parent
         self._order = order
-        self._book = AlarmBook()
+        self._alarms = FollowedAlarms()
         self._known: dict[str, _Condition] = {}
 
     def listen(self) -> None:
@@ -49,20 +49,20 @@ class Conditions:
         method = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
         self._server.iserver.isession.add_method_callback(method, self._acknowledge)
 
-    async def hear(self, alarm: Mapping[str, Any]) -> None:
+    async def hear(self, alarm: Alarm) -> None:
         """Notify clients that an alarm is active, has changed, or is cleared."""
-        await self._show(self._book.hear(alarm))
+        await self._show(self._alarms.hear(alarm))
 
     async def note(self, event: Event) -> None:
         """Notify clients that a person acknowledged an alarm, through any outlet."""
-        for standing in self._book.note(event):
+        for standing in self._alarms.note(event):
             known = self._known.get(standing.alarm.id)
             if known is None or not known.acknowledged:
                 await self._show(standing)
 
     async def agree(self, health: Mapping[str, Any]) -> None:
         """Notify clients of the alarms that differ in the cell's health: a new process did not get their messages."""
-        for standing in self._book.agree(health):
+        for standing in self._alarms.agree(health):
             await self._show(standing)
 
     async def _show(self, standing: Standing) -> None:

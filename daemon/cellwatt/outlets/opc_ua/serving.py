@@ -22,10 +22,10 @@ from cellwatt.outlets.opc_ua.access import Users, trust_only
 from cellwatt.outlets.opc_ua.arrays import bound_arrays
 from cellwatt.outlets.opc_ua.bounds import BoundedServer
 from cellwatt.outlets.opc_ua.conditions import Conditions, Order
-from cellwatt.outlets.opc_ua.outlet import ACKNOWLEDGED, OpcUaOutletSettings
+from cellwatt.outlets.opc_ua.outlet import OpcUaOutletSettings
 from cellwatt.outlets.selection import Picker
 from cellwatt.outlets.zenoh.messages import encode_json
-from cellwatt.results import Event
+from cellwatt.results import Alarm, Energy, Event, Result
 from cellwatt.units import CEFACT
 from cellwatt.version import __version__
 
@@ -100,22 +100,23 @@ class CellServer:
                 variant = ua.Variant(value, ua.VariantType.Double) if known else ua.Variant(None)
                 await self._set(self._channels[name], variant, status, row.time)
 
-    async def item(self, kind: str, body: Mapping[str, Any]) -> None:
+    async def item(self, item: Result | Event) -> None:
         """Update a condition from an alarm or an acknowledgement, or the energy of a task."""
-        if kind == "alarm":
-            await self._conditions.hear(body)
-        elif kind == "energy":
-            await self._energy(body)
-        elif kind == "event" and body["kind"] == ACKNOWLEDGED:
-            await self._conditions.note(Event(**body))
+        match item:
+            case Alarm():
+                await self._conditions.hear(item)
+            case Energy():
+                await self._energy(item)
+            case Event():
+                await self._conditions.note(item)
 
-    async def _energy(self, energy: Mapping[str, Any]) -> None:
+    async def _energy(self, energy: Energy) -> None:
         """Update the energy of a task, J."""
-        name = f"{energy['source']}.{energy['task']}"
+        name = f"{energy.source}.{energy.task}"
         if name not in self._tasks:
             self._tasks[name] = await self._quantity(self._energies, f"energy:{name}", name, "J")
-        value = ua.Variant(float(energy["total"]), ua.VariantType.Double)
-        await self._set(self._tasks[name], value, ua.StatusCodes.Good, energy["end"])
+        value = ua.Variant(float(energy.total), ua.VariantType.Double)
+        await self._set(self._tasks[name], value, ua.StatusCodes.Good, energy.end)
 
     async def health(self, status: Mapping[str, Any]) -> None:
         """Update the cell's health, as JSON, and the conditions from its list of alarms."""

@@ -92,7 +92,7 @@ def in_memory(live: LiveCell, channels: Sequence[str] = ()) -> Memory:
         if columns:
             time, values = last.time, last.values
             found |= {channel: (time, values[:, i]) for channel, i in columns.items()}
-    spans = [Span(**{name: body[name] for name in Span._fields}) for body in live.intervals]
+    spans = [Span.of(interval) for interval in live.intervals]
     alarms = [_episode(standing) for standing in (*live.cleared, *live.alarms.up)]
     return Memory(int(between.min()) if len(between) else 0, found, spans, alarms, live.forgotten)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 from cellwatt.alarms import Standing
@@ -14,9 +13,8 @@ from cellwatt.frames import Frames, Layout
 from cellwatt.live.state import LiveCell
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.page.streams import Hub
+from cellwatt.results import Energy, Event, Interval, Prediction, Result, Task, series_of
 from cellwatt.subscriber import Gap, Health, Message
-
-Body = Mapping[str, Any]
 
 
 class Feed:
@@ -45,14 +43,14 @@ class Feed:
             self.take_frames(content)
         elif isinstance(content, Health):
             before = self.live.session
-            self._tell_health(self.live.add("health", content.status, content.session), content.status)
+            self.take_health(content.status, content.session)
             if before not in (None, self.live.session):
                 self.hub.end()
         elif isinstance(content, Gap):
-            self.live.add("gap", {})
+            self.live.add(content)
             self.take_gap(f"{content.count} of {message.topic} were lost: {content.reason}")
         elif not isinstance(content, Batch):
-            self.take_item(message.topic.partition("/")[0], asdict(content))
+            self.take_item(content)
 
     def take_frames(self, frames: Frames) -> None:
         """Receive frames; a changed layout ends all streams, so that browsers request the state again."""
@@ -65,23 +63,21 @@ class Feed:
         self.live.add_frames(frames)
         self.hub.frames(frames)
 
-    def take_item(self, kind: str, body: Body) -> None:
-        """Receive the fields of a result or event; ``kind`` is the first element of its topic."""
-        alarms = self.live.add(kind, body)
-        if kind == "prediction":
-            self.hub.prediction(body)
-        elif kind in ("interval", "task", "energy"):
-            self.hub.tell(kind, shapes.span(kind, body))
-        elif kind == "event":
-            self.hub.tell(kind, shapes.event(body))
+    def take_item(self, item: Result | Event) -> None:
+        """Receive a result or event."""
+        alarms = self.live.add(item)
+        match item:
+            case Prediction():
+                self.hub.prediction(item)
+            case Interval() | Task() | Energy():
+                self.hub.tell(series_of(item), shapes.span(item))
+            case Event():
+                self.hub.tell("event", shapes.event(item))
         self._tell_alarms(alarms)
 
-    def take_health(self, status: Body) -> None:
+    def take_health(self, status: Mapping[str, Any], session: int | None = None) -> None:
         """Receive the cell's health; its list of alarms overrides the alarm messages received before."""
-        self._tell_health(self.live.add("health", status), status)
-
-    def _tell_health(self, alarms: Sequence[Standing], status: Body) -> None:
-        self._tell_alarms(alarms)
+        self._tell_alarms(self.live.add_health(status, session))
         self.hub.tell("health", status)
 
     def take_gap(self, text: str) -> None:
@@ -127,9 +123,9 @@ class Feed:
             "channels": [] if self.layout is None else shapes.channels(self.layout),
             "alarms": [self._alarm(standing) for standing in live.alarms.up],
             "shelved": self._shelved,
-            "intervals": [shapes.span("interval", body) for body in live.intervals],
-            "task": None if live.task is None else shapes.span("task", live.task),
-            "energies": {name: [shapes.span("energy", e) for e in last] for name, last in live.energies.items()},
+            "intervals": [shapes.span(interval) for interval in live.intervals],
+            "task": None if live.task is None else shapes.span(live.task),
+            "energies": {name: [shapes.span(energy) for energy in last] for name, last in live.energies.items()},
             "predictions": [
                 {"model": model, "outputs": dict(zip(history.names, history.units, strict=True))}
                 for model, history in live.predicted.items()

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.alarms import Acknowledgement, Shelf, Standing
 from cellwatt.frames import Frames, Layout
-from cellwatt.results import Alarm
-
-Body = Mapping[str, Any]
+from cellwatt.results import Alarm, Energy, Event, Interval, Prediction, Task
 
 DIGITS = 7
 """Significant digits of a continuous value in a stream; other values are exact."""
 _ALARM = (
     "id", "kind", "severity", "active", "statement", "source", "joint", "alternatives", "interval", "evidence", "stage",
 )  # fmt: skip
-_SPANS = {
-    "interval": ("source", "number", "moving", "closed"),
-    "task": ("source", "name", "variant", "speed", "repetition"),
-    "energy": (
+_SPANS: Final[Mapping[type[Interval | Task | Energy], tuple[str, ...]]] = {
+    Interval: ("source", "number", "moving", "closed"),
+    Task: ("source", "name", "variant", "speed", "repetition"),
+    Energy: (
         "task", "variant", "repetition", "total", "groups", "group_uncertainty", "uncertainty",
         "motion_efficiency_percent", "total_per_part",
     ),
@@ -64,20 +62,21 @@ def _person(word: Acknowledgement | Shelf) -> dict[str, Any]:
     return {"name": word.name, "note": word.note, "time": ms(word.time)}
 
 
-def span(kind: str, body: Body) -> dict[str, Any]:
-    """Fields of an interval, a task, or the energy, J by consumer, of one cycle of a task."""
-    return {**{name: body.get(name) for name in _SPANS[kind]}, "start": ms(body["start"]), "end": ms(body["end"])}
+def span(item: Interval | Task | Energy) -> dict[str, Any]:
+    """An interval, a task, or the energy, J by consumer, of one cycle of a task."""
+    about = {name: getattr(item, name) for name in _SPANS[type(item)]}
+    return {**about, "start": ms(item.start), "end": ms(item.end)}
 
 
-def event(body: Body) -> dict[str, Any]:
+def event(item: Event) -> dict[str, Any]:
     """An event of a source or the daemon."""
-    return {"t": ms(body["time"]), **{name: body.get(name) for name in ("source", "kind", "text", "data")}}
+    return {"t": ms(item.time), "source": item.source, "kind": item.kind, "text": item.text, "data": item.data}
 
 
-def prediction(model: str, bodies: Sequence[Body]) -> dict[str, Any]:
+def prediction(model: str, items: Sequence[Prediction]) -> dict[str, Any]:
     """Messages of one model with the same outputs, merged into one."""
-    values = {name: [v for body in bodies for v in body["outputs"][name]] for name in bodies[0]["outputs"]}
-    return {"model": model, "t": [ms(time) for body in bodies for time in body["time"]], "v": values}
+    values = {name: [v for item in items for v in item.outputs[name]] for name in items[0].outputs}
+    return {"model": model, "t": [ms(time) for item in items for time in item.time], "v": values}
 
 
 def channels(layout: Layout) -> list[dict[str, str]]:

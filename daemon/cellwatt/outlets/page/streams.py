@@ -7,7 +7,7 @@ import contextlib
 import logging
 import socket
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -16,6 +16,7 @@ from aiohttp import web
 from cellwatt.frames import Frames
 from cellwatt.outlets.page import shapes
 from cellwatt.outlets.zenoh.messages import encode_json
+from cellwatt.results import Prediction
 
 log = logging.getLogger(__name__)
 
@@ -33,8 +34,6 @@ _SENT: Final = 65536
 """Send buffer, bytes, of the operating system for one browser."""
 _RETRY: Final = b"retry: 2000\n\n"
 _BEAT: Final = b": still here\n\n"
-
-Body = Mapping[str, Any]
 
 
 def encoded(event: str, data: Any) -> bytes:
@@ -75,10 +74,10 @@ class Hub:
         for browser in self.members:
             browser.put_frames(frames)
 
-    def prediction(self, body: Body) -> None:
+    def prediction(self, item: Prediction) -> None:
         """Send a prediction."""
         for browser in self.members:
-            browser.predictions.append(body)
+            browser.predictions.append(item)
 
     def tell(self, event: str, data: Any) -> None:
         """Send an event at once."""
@@ -144,7 +143,7 @@ class Browser:
         self, counts: Counter[str], channels: Sequence[str] = (), rate: float = 1.0, login: object = None
     ) -> None:
         self.login = login
-        self.predictions: deque[Body] = deque(maxlen=_PREDICTIONS)
+        self.predictions: deque[Prediction] = deque(maxlen=_PREDICTIONS)
         """Predictions that wait for the next period, …"""
         self.frames: deque[Frames] = deque()
         """… and frames."""
@@ -223,12 +222,12 @@ class Browser:
         self.frames.clear()
         if newest:
             yield _shaped("frames", partial(shapes.frames, newest, self._channels))
-        models: dict[tuple[str, tuple[str, ...]], list[Body]] = {}
-        for body in self.predictions:
-            models.setdefault((body["model"], tuple(body["outputs"])), []).append(body)
+        models: dict[tuple[str, tuple[str, ...]], list[Prediction]] = {}
+        for item in self.predictions:
+            models.setdefault((item.model, tuple(item.outputs)), []).append(item)
         self.predictions.clear()
-        for (model, _), bodies in models.items():
-            yield _shaped("prediction", partial(shapes.prediction, model, bodies))
+        for (model, _), items in models.items():
+            yield _shaped("prediction", partial(shapes.prediction, model, items))
 
 
 def _shaped(event: str, shape: Callable[[], Any]) -> bytes:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 
 PATIENCE: Final = 5.0  # s, for a link to a cell and for its answer
+_INSTEAD: Final = "; set zenoh: {listen: [tcp/127.0.0.1:7447]}, or ask the outlet metrics"
 
 
 def link_to(
@@ -37,7 +38,8 @@ def link_to(
     zenoh = config.outlets["zenoh"].settings if "zenoh" in config.outlets else None
     endpoints = (zenoh.listen[:1] or zenoh.connect) if isinstance(zenoh, ZenohSettings) else ()
     if not (connect or endpoints):
-        raise ConfigError(f"{config.path}: the cell is not on the bus: zenoh has neither listen nor connect{hint}")
+        lacking = "zenoh is off" if zenoh is None else "zenoh has neither listen nor connect"
+        raise ConfigError(f"{config.path}: the cell is not on the bus: {lacking}{hint}")
     local = tuple(e.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:") for e in endpoints)
     chosen = (connect,) if connect else local
     if not isinstance(zenoh, ZenohSettings):
@@ -66,7 +68,7 @@ def ask_cell(config: CellConfig, question: str) -> dict[str, Any]:
 
     keys = CellKeys(config.site, config.cell)
     try:
-        with open_session(link_to(config), patience=PATIENCE) as session:
+        with open_session(link_to(config, hint=_INSTEAD), patience=PATIENCE) as session:
             replies = list(session.get(keys.question(question), timeout=PATIENCE))
         sample = next((reply.ok for reply in replies if reply.ok is not None), None)
         if sample is None:

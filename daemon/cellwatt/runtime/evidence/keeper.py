@@ -13,6 +13,7 @@ from typing import Any, Final
 from cellwatt.child import output
 from cellwatt.errors import CellwattError, why
 from cellwatt.record import RecordSettings, packs
+from cellwatt.record.folder import Stored
 from cellwatt.record.header import PART
 from cellwatt.record.packs import Due
 from cellwatt.results import Alarm, Event
@@ -61,7 +62,7 @@ class Keeper:
         self._writing: asyncio.Future[None] | None = None
         """The last write of a note; if ``run`` is cancelled, it goes on."""
         self._noted = asyncio.Event()
-        self._stored: list[packs.Pack] = []
+        self._stored: list[Stored] = []
         self._retained_at = -RETAIN_EVERY
         self._made = self._given_up = 0
         self._problem = ""
@@ -183,10 +184,8 @@ class Keeper:
 
     async def _made_by_process(self, due: Due) -> dict[str, Any]:
         """Run the process that makes a pack; return its report. Raises ``CellwattError`` if it fails."""
-        settings = self._settings
-        sign = [] if settings.sign is None else ["--sign", str(settings.sign)]
         note = str(packs.due_path(self.folder, due))
-        printed = await output([MODULE, note, "--reserve", str(settings.file_limit), *sign], LIMIT, NICENESS)
+        printed = await output([MODULE, note, "--reserve", str(self._settings.file_limit)], LIMIT, NICENESS)
         found: dict[str, Any] = json.loads(printed.splitlines()[-1])
         return found
 

@@ -16,10 +16,9 @@ from typing import Any, Final
 import click
 import numpy as np
 
-from cellwatt.door.signing import Signer
 from cellwatt.errors import CellwattError, RecordingError, why
 from cellwatt.frames import Frames
-from cellwatt.record import Recording, packs, seal
+from cellwatt.record import Recording, packs
 from cellwatt.record.cut import Cut, cut
 from cellwatt.record.header import recorded_section
 from cellwatt.record.packs import Due
@@ -46,16 +45,13 @@ LEAD: Final = (
 @click.command()
 @click.argument("note", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--reserve", default=0.0, help="Bytes of the disk to leave free.")
-@click.option("--sign", type=click.Path(path_type=Path), help="Private key that signs the pack.")
-def main(note: Path, reserve: float, sign: Path | None) -> None:
+def main(note: Path, reserve: float) -> None:
     """Cut the pack described in NOTE out of the record and write its page; report it as JSON."""
     try:
         due = packs.read_due(note)
         pack = note.with_name(f"{due.name}.mcap")
         made = cut(note.parent.parent, due.cell, due.start, due.end, pack, reserve=reserve)
         problem = _page(due, made)
-        if sign is not None:
-            seal.write(made.path, "closed", Signer(sign))
     except (CellwattError, OSError, ValueError) as error:
         click.echo(why(error) if isinstance(error, OSError) else str(error), err=True)
         sys.exit(1)

@@ -8,13 +8,9 @@ from __future__ import annotations
 
 import logging
 import math
-import os
-import selectors
-import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing.connection import Connection
@@ -51,6 +47,7 @@ from cellwatt.runtime.processes.shared import (
 )
 from cellwatt.runtime.processes.supervised_process import SupervisedProcess
 from cellwatt.runtime.processes.tell import tell
+from cellwatt.runtime.processes.wakeups import Wakeups
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +101,7 @@ class Supervisor:
         """Judges whose chains new judges have taken over …"""
         self._ends_by = 0.0
         """… and the time at which those that have not ended may be killed, monotonic s."""
-        self._stop_asked = self._reload_asked = False
+        self._wakeups = Wakeups()
         self._reload: _Reload | None = None
         self._refused = ""
         """Reason why the changed settings file is not in force; empty if it is."""
@@ -125,7 +122,7 @@ class Supervisor:
 
     def _run(self) -> None:
         settle_memory()
-        with self._signals() as self._selector:
+        with self._wakeups.listening():
             # No device is opened before all settings are checked.
             self._begin([self._tell, self._align, *self._judges.values()])
             self._begin([self._collect])
@@ -142,7 +139,7 @@ class Supervisor:
 
     @property
     def _serves(self) -> bool:
-        return not self._stop_asked and self._failed is None
+        return not self._wakeups.stop and self._failed is None
 
     @property
     def session(self) -> int:
@@ -158,31 +155,6 @@ class Supervisor:
         for process in processes:  # messages sent before a signal arrived
             if process.control is not None and process.control.poll():
                 self._hear(process)
-
-    @contextmanager
-    def _signals(self) -> Iterator[selectors.DefaultSelector]:
-        """Note signals to the daemon, and wake the selector."""
-
-        def note(number: int, _frame: object) -> None:
-            if number == signal.SIGHUP:
-                self._reload_asked = True
-            else:
-                self._stop_asked = True
-
-        read, write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        numbers = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
-        before = {number: signal.signal(number, note) for number in numbers}
-        wakeup = signal.set_wakeup_fd(write, warn_on_full_buffer=False)
-        with selectors.DefaultSelector() as selector:
-            selector.register(read, selectors.EVENT_READ, lambda: os.read(read, 64))
-            try:
-                yield selector
-            finally:
-                signal.set_wakeup_fd(wakeup)
-                for number, handler in before.items():
-                    signal.signal(number, handler)
-                os.close(read)
-                os.close(write)
 
     # processes ------------------------------------------------------------------------------------
 
@@ -211,10 +183,10 @@ class Supervisor:
         process.start([p for p in self._processes if p is not process])
         assert process.control is not None
         try:
-            self._selector.register(process.control, selectors.EVENT_READ, lambda: self._hear(process))
-            self._selector.register(process.exit, selectors.EVENT_READ, lambda: self._bury(process))
+            self._wakeups.add(process.control, lambda: self._hear(process))
+            self._wakeups.add(process.exit, lambda: self._bury(process))
         except OSError:  # its end could not be noticed
-            self._forget(process.control)
+            self._wakeups.forget(process.control)
             process.kill()
             process.reap()
             raise
@@ -224,9 +196,9 @@ class Supervisor:
         now = time.monotonic()
         serving = self._serving()
         due = [p.again_at - now for p in serving if not p.alive]
-        self._wait(min([LOOK, self._until - now, *due]))
+        self._wakeups.wait(min([LOOK, self._until - now, *due]))
         if time.monotonic() >= self._until:  # not ``|=``, which would undo what a signal sets meanwhile
-            self._stop_asked = True
+            self._wakeups.stop = True
         self._shared.clock.discipline()
         for process in serving:
             if not process.alive and time.monotonic() >= process.again_at and self._failed is None:
@@ -241,12 +213,6 @@ class Supervisor:
                         AGAIN,
                     )
 
-    def _wait(self, seconds: float) -> None:
-        """Wait for events for up to ``seconds`` and handle them."""
-        for key, _ in self._selector.select(max(seconds, 0.0)):
-            if self._selector.get_map().get(key.fd) is key:  # not forgotten by what was handled before it
-                key.data()
-
     def _serving(self) -> list[SupervisedProcess]:
         return [self._collect, self._align, self._tell, *self._judges.values()]
 
@@ -255,7 +221,7 @@ class Supervisor:
         try:
             message = process.control.recv()
         except (EOFError, OSError):  # the process is about to end
-            self._forget(process.control)
+            self._wakeups.forget(process.control)
             return
         match message:
             case Ready():
@@ -287,22 +253,18 @@ class Supervisor:
     def _bury(self, process: SupervisedProcess) -> None:
         if process.control is not None and process.control.poll():
             self._hear(process)  # its last message
-        self._forget(process.control)
-        self._forget(process.exit)
+        self._wakeups.forget(process.control)
+        self._wakeups.forget(process.exit)
         why = process.reap()
         if process in self._ending:
             self._ending.remove(process)
         elif self._reload is not None and process in self._reload.judges.values():
             self._give_up_reload(CellwattError(f"the process {process.name} ended by {why}; nothing was changed"))
-        elif self._failed is None and not self._stop_asked and not (self._collect.ready or self._collect.restarts):
+        elif self._failed is None and not self._wakeups.stop and not (self._collect.ready or self._collect.restarts):
             self._failed = CellwattError(f"the process {process.name} ended by {why} at the start: the log says why")
-        elif self._failed is None and not self._stop_asked:
+        elif self._failed is None and not self._wakeups.stop:
             pause = max(process.again_at - time.monotonic(), 0.0)
             log.error("the process %s ended by %s; it is restarted in %.1f s", process.name, why, pause)
-
-    def _forget(self, held: Connection | int | None) -> None:
-        if held is not None and held in self._selector.get_map():
-            self._selector.unregister(held)
 
     # end ------------------------------------------------------------------------------------------
 
@@ -330,7 +292,7 @@ class Supervisor:
     def _end(self, process: SupervisedProcess, *, at_once: bool = False) -> None:
         end = time.monotonic() + (0.0 if at_once else END)
         while process.alive and time.monotonic() < end:
-            self._wait(end - time.monotonic())
+            self._wakeups.wait(end - time.monotonic())
         if process.alive:
             self._kill(process, warn=not at_once)
 
@@ -345,8 +307,8 @@ class Supervisor:
     def _go_on_reloading(self) -> None:
         reload = self._reload
         if reload is None:
-            if self._reload_asked and self._slots_freed():
-                self._reload_asked = False
+            if self._wakeups.reload and self._slots_freed():
+                self._wakeups.reload = False
                 self._begin_reload()
         elif not reload.sent:
             starting = [p.name for p in (self._tell, *reload.judges.values()) if p.alive and not p.ready]

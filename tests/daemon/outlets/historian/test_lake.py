@@ -25,6 +25,7 @@ from cellwatt.outlets.historian.settings import LakeSettings
 from cellwatt.outlets.historian.store import Store
 from cellwatt.outlets.past import opened
 from cellwatt.outlets.selection import Picker
+from cellwatt.record import overlap
 from cellwatt.record.survey import Survey, survey
 from cellwatt.units import Units
 from tests.blocks import frames_of, marked
@@ -147,7 +148,8 @@ def test_what_is_exported_of_a_running_session_is_not_opened_again(
         looked.append(path.name)
         return survey(path, **how)
 
-    monkeypatch.setattr(past, "survey", noted)
+    for module in (past, overlap):
+        monkeypatch.setattr(module, "survey", noted)
     growing = Recorded(record)
     for seconds in range(3, 15, 3):
         growing.seconds(3, results=seconds == 6).rotate()
@@ -155,7 +157,7 @@ def test_what_is_exported_of_a_running_session_is_not_opened_again(
             assert table.lost == 0
     growing.seconds(3, results=False)
     for _ in range(2):
-        past._reach.cache_clear()  # each run is a process of its own
+        overlap._reach.cache_clear()  # each run is a process of its own
         looked.clear()
         export(record, lake)
     assert {name.rpartition("_")[2] for name in looked} == {"000005.mcap.part"} and len(looked) <= 5

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import asdict
-from typing import Any
 
 import aiohttp
 import pytest
 
 from cellwatt.outlets.page.app import FOLDER
+from cellwatt.results import Event
 from cellwatt.version import __version__
 from tests.daemon.outlets.page.cell import (
     API,
@@ -84,10 +84,10 @@ async def test_built_files_are_packed_and_kept_for_ever(page: Served) -> None:
 async def test_the_state_has_all_that_the_cell_told_in_ms(browser: aiohttp.ClientSession, page: Served) -> None:
     feed = page.feed
     feed.take_frames(frames(0, 2))
-    for kind, item in {"interval": interval(1), "task": TASK, "energy": ENERGY, "prediction": PREDICTION}.items():
-        feed.take_item(kind, asdict(item))
-    feed.take_item("alarm", asdict(alarm(1)))
-    feed.take_item("event", evidence("alarm-1", "weld-3_x.mcap"))
+    for item in (interval(1), TASK, ENERGY, PREDICTION):
+        feed.take_item(item)
+    feed.take_item(alarm(1))
+    feed.take_item(evidence("alarm-1", "weld-3_x.mcap"))
     known = {"name": "ada", "note": "seen", "time": EPOCH + 3_000_000}
     health = status([{**asdict(alarm(1)), "acknowledged": known}], [shelved(2)])
     feed.take_health(health)
@@ -120,9 +120,8 @@ async def test_the_state_has_all_that_the_cell_told_in_ms(browser: aiohttp.Clien
     ]
 
 
-def evidence(alarm_id: str, pack: str) -> dict[str, Any]:
-    data = {"alarms": [alarm_id], "pack": pack}
-    return {"time": EPOCH, "source": "arm", "kind": "evidence", "text": "kept", "data": data}
+def evidence(alarm_id: str, pack: str) -> Event:
+    return Event(EPOCH, "arm", "evidence", "kept", {"alarms": [alarm_id], "pack": pack})
 
 
 async def test_a_stream_has_frames_and_all_events(browser: aiohttp.ClientSession, page: Served) -> None:
@@ -144,17 +143,17 @@ async def test_a_stream_has_frames_and_all_events(browser: aiohttp.ClientSession
             "q": {"arm.supply.power": 4, "arm.mode": 0},
         }
         feed = page.feed
-        feed.take_item("prediction", asdict(PREDICTION))
+        feed.take_item(PREDICTION)
         assert await stream.until("prediction") == {"model": "power", "t": [MS, MS + 20], "v": {"power": [101.0, None]}}
-        feed.take_item("interval", asdict(interval(3)))
+        feed.take_item(interval(3))
         assert (await stream.until("interval"))["number"] == 3
-        feed.take_item("task", asdict(TASK))
+        feed.take_item(TASK)
         assert (await stream.until("task"))["repetition"] == 3
-        feed.take_item("energy", asdict(ENERGY))
+        feed.take_item(ENERGY)
         assert (await stream.until("energy"))["total"] == 900.0
-        feed.take_item("alarm", asdict(alarm(1)))
+        feed.take_item(alarm(1))
         assert (await stream.until("alarm"))["active"] is True
-        feed.take_item("event", evidence("alarm-1", "x.mcap"))
+        feed.take_item(evidence("alarm-1", "x.mcap"))
         assert (await stream.until("event"))["t"] == MS
         assert (await stream.until("alarm"))["evidence_page"].endswith("/evidence/x.html")
         feed.take_health(status(shelved=[shelved(1)]))

@@ -20,6 +20,7 @@ from cellwatt.outlets.page.levels.curves import curves
 from cellwatt.outlets.page.levels.episodes import alarm_history
 from cellwatt.outlets.page.levels.store import Store
 from cellwatt.outlets.page.streams import Hub
+from cellwatt.results import Event
 from cellwatt.subscriber import Gap, Health, Message
 from tests.daemon.outlets.page.cell import (
     CELL,
@@ -58,8 +59,8 @@ def up(number: int, acknowledged: Any = None) -> dict[str, Any]:
 
 
 def test_an_alarm_that_health_does_not_know_is_over(feed: Feed, hub: Mock) -> None:
-    feed.take_item("alarm", asdict(alarm(1)))
-    feed.take_item("alarm", asdict(alarm(2, time=EPOCH + 20_000_000_000)))
+    feed.take_item(alarm(1))
+    feed.take_item(alarm(2, time=EPOCH + 20_000_000_000))
     told_by(hub)
     feed.take_health(status())
     ((_, told),) = told_by(hub)
@@ -68,7 +69,7 @@ def test_an_alarm_that_health_does_not_know_is_over(feed: Feed, hub: Mock) -> No
 
 
 def test_an_alarm_on_the_shelf_is_not_over(feed: Feed, hub: Mock) -> None:
-    feed.take_item("alarm", asdict(alarm(2)))
+    feed.take_item(alarm(2))
     told_by(hub)
     feed.take_health(status(shelved=[shelved(2)]))
     assert [kind for kind, _ in told_by(hub)] == ["shelved"]
@@ -84,12 +85,12 @@ def test_an_acknowledgement_is_told_once_and_ends_with_the_alarm(feed: Feed, hub
     feed.take_health(status([up(1)]))
     told_by(hub)
     data = {"alarm": "alarm-1", "name": "ada", "note": "seen"}
-    feed.take_item("event", {"time": EPOCH, "source": None, "kind": "acknowledged", "text": "", "data": data})
+    feed.take_item(Event(EPOCH, None, "acknowledged", "", data))
     (_, (_, told)) = told_by(hub)
     assert told["acknowledged"] == {"name": "ada", "note": "seen", "time": MS}
     feed.take_health(status([up(1, known)]))
     assert told_by(hub) == [], "health says the same"
-    feed.take_item("alarm", asdict(alarm(1, active=False)))
+    feed.take_item(alarm(1, active=False))
     ((_, told),) = told_by(hub)
     assert (told["active"], told["acknowledged"]) == (False, None)
 
@@ -119,7 +120,7 @@ def test_messages_of_a_subscriber_are_the_same(feed: Feed, hub: Mock) -> None:
 def lively(count: int) -> LiveCell:
     live = LiveCell()
     live.add_frames(frames(0, count))
-    live.add("prediction", asdict(PREDICTION))
+    live.add(PREDICTION)
     return live
 
 
@@ -142,10 +143,10 @@ def test_curves_at_the_step_of_the_frames_have_one_value() -> None:
 
 def test_intervals_and_alarms_are_told_once(tmp_path: Path) -> None:
     live = lively(5)
-    live.add("interval", asdict(interval(1)))
-    live.add("alarm", asdict(alarm(1)))
-    live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000)))
-    live.add("alarm", asdict(alarm(2)))
+    live.add(interval(1))
+    live.add(alarm(1))
+    live.add(alarm(1, active=False, time=EPOCH + 500_000_000))
+    live.add(alarm(2))
     up = alarm(1, time=EPOCH + 1_000_000)
     recording(tmp_path, [[interval(1), up]], session=EPOCH, cell=CELL)
     got = drawn(live, (), MS, MS + 2000, 10, tmp_path)
@@ -156,9 +157,9 @@ def test_intervals_and_alarms_are_told_once(tmp_path: Path) -> None:
 
 def test_alarms_in_memory_are_a_short_history() -> None:
     live = lively(5)
-    live.add("alarm", asdict(alarm(1)))
-    live.add("alarm", asdict(alarm(1, active=False, time=EPOCH + 500_000_000, statement="Resolved.")))
-    live.add("alarm", asdict(alarm(2)))
+    live.add(alarm(1))
+    live.add(alarm(1, active=False, time=EPOCH + 500_000_000, statement="Resolved."))
+    live.add(alarm(2))
     held, nowhere = archive.in_memory(live), Store(None, CELL)
     got = alarm_history(nowhere, MS, MS + 2000, 10, held)
     assert [(a["id"], a["cleared"], a["cleared_statement"]) for a in got["alarms"]] == [

@@ -14,7 +14,7 @@ from cellwatt import FrameChannel, Layout
 from cellwatt.outlets.page import streams
 from cellwatt.outlets.page.gate import Gate
 from cellwatt.outlets.page.streams import Browser, Browsers
-from tests.daemon.outlets.page.cell import API, Served, Stream, client, frames, get, served
+from tests.daemon.outlets.page.cell import API, PREDICTION, Served, Stream, client, frames, get, served
 from tests.patience import eventually
 
 WIDE = Layout(tuple(FrameChannel(f"arm.c_{i}", "1", "continuous", "linear") for i in range(60)), 50.0)
@@ -115,7 +115,7 @@ async def test_a_browser_that_is_seldom_told_misses_no_frame_for_that() -> None:
 
 async def test_frames_that_break_their_contract_cost_no_stream(caplog: pytest.LogCaptureFixture) -> None:
     browser, sound = Browser(Browsers(1).counts, WIDE.names), frames(0, 1, WIDE)
-    browser.predictions.append({"model": "power", "time": (5,), "outputs": {"power": (1.0,)}})
+    browser.predictions.append(PREDICTION)
     browser.put_frames(replace(sound, values=sound.values[:, :3]))
     assert (await browser._next()).startswith(b"event: prediction")
     assert "frames cannot be shown" in caplog.text

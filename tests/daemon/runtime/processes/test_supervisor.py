@@ -29,7 +29,7 @@ def test_a_process_that_cannot_be_begun_now_is_tried_again_and_ends_nobody(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     daemon = Supervisor(config_of())
-    daemon._selector = selectors.DefaultSelector()
+    daemon._wakeups._selector = selectors.DefaultSelector()
     daemon._align.again_at = 0.0
     monkeypatch.setattr(os, "fork", Mock(side_effect=OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))))
     daemon._turn()
@@ -43,9 +43,9 @@ def test_new_judges_begin_when_those_of_the_reload_before_have_left_their_slots(
     daemon = Supervisor(config_of(stages=stages("heat")), lambda: config_of(stages=stages("heat", heat="new")))
     daemon._judges = {1: daemon._judges.pop(0)}
     old = SupervisedProcess("judge heat", lambda assignment: assignment.control.poll(None), daemon._assign)
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._start(old)
-        daemon._ending, daemon._reload_asked, daemon._ends_by = [old], True, math.inf
+        daemon._ending, daemon._wakeups.reload, daemon._ends_by = [old], True, math.inf
         daemon._go_on_reloading()
         assert daemon._reload is None and old.alive, "the daemon serves while it waits"
         daemon._ends_by = 0.0
@@ -66,13 +66,13 @@ def test_a_signal_is_heard_whenever_it_comes(monkeypatch: pytest.MonkeyPatch) ->
                 os.kill(os.getpid(), signal.SIGTERM)
             return clock()
 
-        with daemon._signals() as daemon._selector, monkeypatch.context() as patched:
+        with daemon._wakeups.listening(), monkeypatch.context() as patched:
             patched.setattr(time, "monotonic", monotonic)
-            patched.setattr(daemon, "_wait", lambda seconds: None)
+            patched.setattr(daemon._wakeups, "wait", lambda seconds: None)
             daemon._turn()
         if next(calls) <= call:
             break
-        assert daemon._stop_asked, f"a signal during call {call} of the clock was lost"
+        assert daemon._wakeups.stop, f"a signal during call {call} of the clock was lost"
     assert call > 1
 
 
@@ -89,12 +89,12 @@ def test_a_judge_that_fails_as_another_becomes_ready_ends_the_reload_alone() -> 
     daemon = Supervisor(config_of())
     config = config_of(stages=stages("heat", "wear"))
     judges = {n: SupervisedProcess(f"judge {n}", main, daemon._assign) for n, main in enumerate((_fails, _serves))}
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._reload = _Reload(config, Change.between(daemon._config, config), 2, judges)
         for judge in judges.values():
             daemon._start(judge)
-        wait_until(lambda: len(daemon._selector.select(0)) == 3)  # both messages, and the end of one
-        daemon._wait(0.0)
+        wait_until(lambda: len(daemon._wakeups._selector.select(0)) == 3)  # both messages, and the end of one
+        daemon._wakeups.wait(0.0)
         assert daemon._reload is None and daemon._failed is None and not daemon._processes[3:]
 
 
@@ -102,13 +102,13 @@ def test_new_settings_wait_until_a_tell_that_starts_with_the_old_ones_serves() -
     """Else its first message confirms them, and its second one those of the next reload, whose judges nobody ends."""
     daemon, config = Supervisor(config_of()), config_of(outlets={})
     tell = daemon._tell = SupervisedProcess("tell", _serves, daemon._assign)
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._start(tell)
         daemon._reload = _Reload(config, Change.between(daemon._config, config), 2)
         daemon._go_on_reloading()
         assert not daemon._reload.sent
         while not tell.ready:
-            daemon._wait(PATIENCE)
+            daemon._wakeups.wait(PATIENCE)
         daemon._go_on_reloading()
         assert daemon._reload.sent
         daemon._kill(tell, warn=False)
@@ -132,12 +132,12 @@ def test_new_settings_may_be_larger_than_a_pipe_takes() -> None:
     mains = {"collect": _begins_new_settings, "align": align, "tell": _hears_new_settings}
     made = [SupervisedProcess(name, main, daemon._assign) for name, main in mains.items()]
     daemon._collect, daemon._align, daemon._tell = made
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         for process in made:
             daemon._start(process)
         daemon._send(_Reload(config, Change((), (), (), frames=True, units=False), 2))
         while any(process.alive for process in made):
-            daemon._wait(PATIENCE)
+            daemon._wakeups.wait(PATIENCE)
     assert all(process.done for process in made)
 
 
@@ -158,10 +158,10 @@ def test_a_judge_that_does_not_start_is_refused_and_the_next_reload_goes_on() ->
     read: list[str] = []
     daemon = Supervisor(config_of(), lambda: read.append("the corrected file") or config_of())  # type: ignore[func-returns-value]
     judges = {0: SupervisedProcess("judge heat", _hangs, daemon._assign)}
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._reload = _Reload(config, Change.between(daemon._config, config), 2, judges)
         daemon._start(judges[0])
-        daemon._reload_asked = True
+        daemon._wakeups.reload = True
         daemon._go_on_reloading()
         assert judges[0].alive and not daemon._refused and not read
         daemon._reload.until = 0.0
@@ -175,11 +175,11 @@ def test_a_judge_that_does_not_start_is_refused_and_the_next_reload_goes_on() ->
 def test_a_stop_amid_a_reload_is_no_failed_reload(caplog: pytest.LogCaptureFixture) -> None:
     daemon, config = Supervisor(config_of()), config_of(stages=stages("heat", "wear"))
     judges = {n: SupervisedProcess(f"judge {n}", _serves, daemon._assign) for n in (0, 1)}
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._reload = _Reload(config, Change.between(daemon._config, config), 2, judges)
         for judge in judges.values():
             daemon._start(judge)
-        daemon._stop_asked = True
+        daemon._wakeups.stop = True
         daemon._shut_down()
     assert not any(judge.alive for judge in judges.values()) and not caplog.text
 
@@ -200,12 +200,12 @@ def test_settings_that_send_more_than_the_rings_hold_are_warned_about(caplog: py
     """Rings are made at the start only."""
     fast = config_of(sources=sources(*(f"arm_{n}" for n in range(30))), frames=FrameSettings(rate=1000.0))
     daemon = Supervisor(config_of(), again=lambda: fast)
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._begin_reload()
     assert "restart, or a stall may lose samples" in caplog.text
     daemon = Supervisor(fast, again=lambda: config_of(outlets={}))
     caplog.clear()
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._begin_reload()
     assert "restart" not in caplog.text
 
@@ -214,13 +214,13 @@ def test_a_process_that_hangs_is_killed_and_restarted(caplog: pytest.LogCaptureF
     daemon = Supervisor(config_of())
     daemon._collect.ready = True
     align = daemon._align = SupervisedProcess("align", _hangs, daemon._assign)
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._start(align)
         hung = Alive("", (align.pid,))
         tell = SupervisedProcess("tell", lambda assignment: assignment.control.send(hung), daemon._assign)
         daemon._start(tell)
         while align.alive or tell.alive:
-            daemon._wait(PATIENCE)
+            daemon._wakeups.wait(PATIENCE)
         assert "the process align ended by signal SIGKILL; it is restarted" in caplog.text
         align.again_at = 0.0
         daemon._turn()
@@ -238,7 +238,7 @@ def test_a_process_that_breaks_before_a_device_is_opened_refuses_the_start() -> 
     daemon = Supervisor(config_of())
     judge = SupervisedProcess("judge heat", _breaks, daemon._assign)
     daemon._judges = {0: judge}
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._begin([judge])
     assert str(daemon._failed) == "the process judge heat ended by exit code 1 at the start: the log says why"
 
@@ -246,10 +246,10 @@ def test_a_process_that_breaks_before_a_device_is_opened_refuses_the_start() -> 
 def test_a_process_that_has_failed_for_days_is_still_restarted() -> None:
     daemon = Supervisor(config_of())
     align = daemon._align = SupervisedProcess("align", _fails, daemon._assign, restarts=2000, _failures=2000)
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._start(align)
         while align.alive:
-            daemon._wait(PATIENCE)
+            daemon._wakeups.wait(PATIENCE)
     assert align.again_at - align._began >= LONGEST_PAUSE
 
 
@@ -260,10 +260,10 @@ def _hears(assignment: Assignment) -> None:
 
 def test_a_tell_that_is_restarted_is_told_that_the_settings_are_refused(caplog: pytest.LogCaptureFixture) -> None:
     daemon = Supervisor(config_of())
-    with daemon._signals() as daemon._selector:
+    with daemon._wakeups.listening():
         daemon._refuse(CellwattError("a change of site needs a restart"))
         tell = daemon._tell = SupervisedProcess("tell", _hears, daemon._assign, restarts=1)
         daemon._start(tell)
         while tell.alive:
-            daemon._wait(PATIENCE)
+            daemon._wakeups.wait(PATIENCE)
     assert "told Refused(reason='a change of site needs a restart')" in caplog.text

@@ -38,6 +38,11 @@ class Span(NamedTuple):
     moving: tuple[int, ...]
     closed: bool
 
+    @classmethod
+    def of(cls, interval: Interval) -> Span:
+        """The span of an interval."""
+        return cls(*(getattr(interval, name) for name in cls._fields))
+
     def overlaps(self, start: int, end: int) -> bool:
         """True if the interval overlaps the time from ``start`` to before ``end``, UTC ns."""
         return self.end >= start and self.start < end
@@ -90,8 +95,7 @@ class Gathering:
                 self._fold(columns)
             self._reach(int(time.min()), int(time.max()))
         elif isinstance(item, Interval):
-            span = Span(item.source, item.number, item.start, item.end, item.moving, item.closed)
-            self._spans[item.source, item.number] = span
+            self._spans[item.source, item.number] = Span.of(item)
             self._reach(item.start, item.end)
         elif isinstance(item, Alarm):
             self._alarm(item)
