@@ -170,11 +170,6 @@ def names_called() -> Sequence[tuple[str, str]]:
     return _OF_THE_USER.get(_NONE).names
 
 
-def looked_up() -> set[str]:
-    """The columns looked up so far in the innermost ``called``, if the user has names of columns."""
-    return _OF_THE_USER.get(_NONE).columns
-
-
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
     user = _OF_THE_USER.get(_NONE)
