@@ -7,17 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from cellwatt.errors import RecordingError
 from cellwatt.logs.log import COMMANDS, alike, natural, numbered, placed
 from cellwatt.tables.names import JOINT, Name, parsed, understood, unit_in, unit_named
 from cellwatt.tables.table import Table
 from cellwatt.units import TABLE
 
-MOST_JOINTS: Final = 64
-"""Largest number of joints that a column of a file may name."""
 _STEMS: Final = {
     **{stem: quantity for quantity, stems in JOINT.items() for stem in stems},
     "pos": "position",
@@ -103,10 +98,9 @@ def _metered(table: Table) -> Table:
 def _of_joints(table: Table, known: Mapping[str, Name | None]) -> Iterator[tuple[str, Name]]:
     """Columns that name a joint; the family of their name is the path before it."""
     listed = {}
-    for column, labels in table.texts.items():
+    for column, label in table.labels.items():
         if (match := _OF_LIST.fullmatch(column)) is not None:
-            same = bool(np.all(labels == labels[0]))
-            listed[match["path"].casefold(), int(match["number"])] = str(labels[0]) if same else ""
+            listed[match["path"].casefold(), int(match["number"])] = label
     for column, name in known.items():
         if name is not None and name.number is not None:
             path = name.family.removesuffix(name.stem)
@@ -134,12 +128,9 @@ def names_joints(column: str) -> bool:
     return _OF_LIST.fullmatch(column) is not None
 
 
-def labels_of(column: Any) -> NDArray[np.object_] | None:
-    """The texts (N,) of a column; None if they are more than a robot has joints."""
+def label_of(column: Any) -> str:
+    """The text that all cells of a column hold, "" if they differ; empty cells do not count."""
     import pyarrow.compute as pc
 
-    texts = pc.unique(column)
-    if len(texts) > MOST_JOINTS:
-        return None
-    labels: NDArray[np.object_] = np.asarray(texts.to_pylist(), object)[pc.index_in(column, value_set=texts)]
-    return labels
+    texts = pc.unique(column).drop_null()
+    return str(texts[0].as_py()) if len(texts) == 1 else ""
