@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -142,10 +142,11 @@ def read_computed(file: Path, expected: str) -> Document:
     Raises ``ConfigError`` if the file cannot be read or is not a mapping.
     """
     text = text_of(file, COMPUTED)
+    form = "JSON" if text.startswith("{") else "YAML"
     try:
-        value = json.loads(text) if text.startswith("{") else parse_yaml(text)
+        value = json.loads(text) if form == "JSON" else parse_yaml(text)
     except (ValueError, RecursionError) as error:
-        raise ConfigError([problem(file, NOWHERE, f"cannot be read: {error}")]) from error
+        raise ConfigError([problem(file, NOWHERE, f"not valid {form}: {error}")]) from error
     if not isinstance(value, dict):
         raise ConfigError([problem(file, NOWHERE, f"expected settings (key: value) starting with {expected}")])
     return Document(file, text, value, {(): Location(NOWHERE, NOWHERE, "")})
@@ -156,7 +157,9 @@ def without_positions(value: Any) -> Iterator[tuple[KeyPath, Location]]:
     waiting: list[tuple[KeyPath, Any]] = [((), value)]
     while waiting:
         path, each = waiting.pop()
-        inside = each.items() if isinstance(each, dict) else enumerate(each) if isinstance(each, list) else ()
+        inside: Iterable[tuple[str | int, Any]] = ()
+        if isinstance(each, dict | list):
+            inside = each.items() if isinstance(each, dict) else enumerate(each)
         waiting += [((*path, key), below) for key, below in inside]
         yield path, Location(NOWHERE, NOWHERE, "" if isinstance(each, dict | list) else str(each))
 
