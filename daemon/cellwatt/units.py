@@ -120,8 +120,9 @@ class Units(Section):
 
 
 def kind_of(name: str) -> str | None:
-    """Quantity that a unit measures, ignoring case: ``length`` of ``mm``; None if ``TABLE`` has no such unit."""
-    return _KINDS.get(_WRITTEN.get(name.casefold(), name))
+    """Quantity that a unit measures, ignoring case but that of m and M; None if ``TABLE`` has no such unit."""
+    written = _WRITTEN.get(name.casefold(), name)
+    return _KINDS.get(written) if written[:1] == name[:1] or name[:1] not in ("m", "M") else None
 
 
 def named(name: str) -> Unit | None:

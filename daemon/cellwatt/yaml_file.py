@@ -46,7 +46,7 @@ class NotYamlError(yaml.YAMLError, ValueError):
 def parse_yaml(text: str) -> Any:
     """Content of a YAML text. Raises ``NotYamlError``."""
     try:
-        check_bounds(text)
+        check_bounds(text, MOST_VALUES, Loader)
         return yaml.load(text, Loader=Loader)
     except yaml.YAMLError as error:
         raise NotYamlError(" ".join(str(error).split())[:_LONGEST]) from error
@@ -67,7 +67,7 @@ class TooMuchError(yaml.MarkedYAMLError):
         return str(self.args[0])
 
 
-def check_bounds(text: str, values: int = MOST_VALUES, loader: Any = Loader) -> None:
+def check_bounds(text: str, values: int, loader: Any) -> None:
     """Raise ``TooMuchError`` for text nested too deep or with more than ``values``, ``YAMLError`` for other faults."""
     sizes: list[int] = [0]
     depths: list[int] = [0]

@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-from click.shell_completion import CompletionItem
 
-from cellwatt.commands.completion import or_files
 from cellwatt.commands.options import Input
 from cellwatt.fetch import is_url
 
@@ -20,11 +18,6 @@ class _Robot(Input):
 
         is_place = isinstance(value, str) and not is_url(value)
         return super().convert(robot_file(value) if is_place else value, param, ctx)
-
-    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        from cellwatt_plugins.robot.description import packaged
-
-        return or_files(packaged(), incomplete)
 
 
 ROBOT: Final = _Robot(exists=True, path_type=Path)

@@ -73,3 +73,5 @@ def test_later_names_win_and_si_takes_all_back() -> None:
     assert units.but(["SI", "degf"]) == Units(temperature="degF")
     with pytest.raises(ValueError, match="no unit 'parsec': expected SI, or any of J, kJ"):
         units.but(["parsec"])
+    with pytest.raises(ValueError, match="no unit 'MW'"):
+        units.but(["MW"])

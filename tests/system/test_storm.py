@@ -24,9 +24,7 @@ STORM = float(os.environ.get("CELLWATT_STORM_SECONDS", "12"))
 ONE_SHOT = {"stall", "disconnect", "clock_jump"}
 KINDS = {
     "arm": ("loss", "delay", "stall", "disconnect", "half_frame", "garbage", "clock_jump"),
-    "board": (
-        "loss", "half_frame", "garbage", "duplicate", "reorder", "delay", "stall", "disconnect", "clock_jump",
-    ),
+    "board": ("loss", "half_frame", "garbage", "duplicate", "reorder", "delay", "stall", "disconnect"),
     "second": ("delay", "reorder", "duplicate", "loss", "garbage", "half_frame", "stall", "disconnect"),
     "mains": ("delay", "stall", "disconnect", "garbage", "half_frame", "loss"),
 }  # fmt: skip

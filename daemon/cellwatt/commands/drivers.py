@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from cellwatt.channel import Channel, Stream
-from cellwatt.commands import EXIT_USAGE, completion
+from cellwatt.commands import EXIT_USAGE
 from cellwatt.config.installed import Installed, installed
 from cellwatt.config.reference import Field, reference
 from cellwatt.config.wording import did_you_mean
@@ -20,7 +20,7 @@ from cellwatt.runtime.assemble import typical_streams
 
 
 @click.command(short_help="List drivers, stages and outlets, or the settings of one.")
-@click.argument("name", required=False, shell_complete=completion.parts)
+@click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def command(name: str | None, as_json: bool) -> None:
     """List installed drivers, stages and outlets; with NAME, print the settings of that one."""

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from cellwatt.commands import EXISTING, EXIT_ERROR, FILE, completion
+from cellwatt.commands import EXISTING, EXIT_ERROR, FILE
 from cellwatt.commands.emulate_cell import emulate_cell
 from cellwatt.commands.options import FINITE, POSITIVE
 from cellwatt.emulation import ArmSignals, Emulator, Fault, Signals, load_signals
@@ -24,7 +24,7 @@ _ONE_DEVICE = {"address": "--listen", "recording": "--recording", "loop": "--loo
 
 
 @click.command(short_help="Emulate devices and their faults.")
-@click.argument("driver", required=False, shell_complete=completion.drivers)
+@click.argument("driver", required=False)
 @click.option(
     "--cell",
     type=EXISTING,

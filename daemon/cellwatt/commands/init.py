@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from cellwatt.commands import FILE, check, completion, doctor
+from cellwatt.commands import FILE, check, doctor
 from cellwatt.config.wording import did_you_mean
 from cellwatt.first_cell import RECORD, SourcePlan, parse_source, write_cell
 
@@ -23,7 +23,6 @@ from cellwatt.first_cell import RECORD, SourcePlan, parse_source, write_cell
     "sources",
     multiple=True,
     metavar="NAME=DRIVER:ADDRESS",
-    shell_complete=completion.sources,
     help="A device, like arm=ur:192.0.2.10 or meter=power_board:/dev/ttyUSB0; may be repeated.",
 )
 @click.option(

@@ -1,4 +1,4 @@
-"""A YAML file as plain values, with the position of each value.
+"""A YAML file as plain values, with the position of each value; a file that a command wrote, without positions.
 
 Scalars are read by the YAML 1.2 core schema, so ``on``, ``no``, ``12:30`` and ``0123`` are text. Anchors, aliases and
 merge keys (``<<``) work; duplicate keys and unknown tags are errors.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,12 @@ from typing import Any
 import yaml
 
 from cellwatt.config.environment import expand
-from cellwatt.config.marks import (
-    LONGEST,
-    SETTINGS_FILE,
-    Bounds,
-    compose,
-    mark_of,
-    place,
-    problem,
-    quoted,
-    shortened,
-    text_of,
-)
-from cellwatt.config.places import KeyPath, Location, Mark
+from cellwatt.config.marks import LONGEST, compose, mark_of, place, problem, quoted, shortened, text_of
+from cellwatt.config.places import NOWHERE, KeyPath, Location, Mark
 from cellwatt.errors import ConfigError, Problem
+from cellwatt.files import COMPUTED
 from cellwatt.host import HIDDEN, blank, secrets_of, without
-from cellwatt.yaml_file import TAG
+from cellwatt.yaml_file import TAG, parse_yaml
 
 _REFERENCE = re.compile(r"\$\{[A-Za-z_][A-Za-z0-9_]*\}")
 _PROPERTIES = re.compile(r"(?:[&!]\S*\s+)*")
@@ -129,15 +119,14 @@ def read(
     environ: Mapping[str, str],
     *,
     text: str | None = None,
-    bounds: Bounds = SETTINGS_FILE,
     expected: str = "site, cell and sources",
 ) -> Document:
     """Read a settings file, or ``text`` as its content; ``expected`` names the keys that the file should have.
 
     Raises ``ConfigError`` if the file cannot be read or is not a YAML mapping.
     """
-    text = text_of(file, bounds) if text is None else text
-    node = compose(file, text, bounds, expected)
+    text = text_of(file) if text is None else text
+    node = compose(file, text, expected)
     if not isinstance(node, yaml.MappingNode):
         found = "a list" if isinstance(node, yaml.SequenceNode) else "a single value"
         message = f"found {found}, expected settings (key: value) starting with {expected}"
@@ -145,6 +134,34 @@ def read(
     document = Document(file, text)
     document.value = _Builder(document, environ).build(node, (), mark_of(node))
     return document
+
+
+def read_computed(file: Path, expected: str) -> Document:
+    """Read a JSON or YAML file that a command wrote: it may be large, and its values have no positions.
+
+    Raises ``ConfigError`` if the file cannot be read or is not a mapping.
+    """
+    text = text_of(file, COMPUTED)
+    form = "JSON" if text.startswith("{") else "YAML"
+    try:
+        value = json.loads(text) if form == "JSON" else parse_yaml(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError([problem(file, NOWHERE, f"not valid {form}: {error}")]) from error
+    if not isinstance(value, dict):
+        raise ConfigError([problem(file, NOWHERE, f"expected settings (key: value) starting with {expected}")])
+    return Document(file, text, value, {(): Location(NOWHERE, NOWHERE, "")})
+
+
+def without_positions(value: Any) -> Iterator[tuple[KeyPath, Location]]:
+    """Each key path in a value, with the text of its scalar and no position."""
+    waiting: list[tuple[KeyPath, Any]] = [((), value)]
+    while waiting:
+        path, each = waiting.pop()
+        inside: Iterable[tuple[str | int, Any]] = ()
+        if isinstance(each, dict | list):
+            inside = each.items() if isinstance(each, dict) else enumerate(each)
+        waiting += [((*path, key), below) for key, below in inside]
+        yield path, Location(NOWHERE, NOWHERE, "" if isinstance(each, dict | list) else str(each))
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import yaml
 
-from cellwatt.config.places import KeyPath, Mark, dotted
+from cellwatt.config.places import NOWHERE, KeyPath, Mark, dotted
 from cellwatt.errors import ConfigError, Problem
-from cellwatt.files import COMPUTED, read_bytes
+from cellwatt.files import read_bytes
 from cellwatt.host import blank
-from cellwatt.yaml_file import MOST_VALUES, Loader, TooMuchError, check_bounds
+from cellwatt.yaml_file import Loader, TooMuchError, check_bounds
 
-
-class Bounds(NamedTuple):
-    """Size limits of a file; ``values`` counts values after aliases and merges are expanded: a few nested aliases can
-    expand to billions."""
-
-    bytes: int
-    values: int
-
-
-SETTINGS_FILE = Bounds(1_000_000, 20_000)
-COMPUTED_FILE = Bounds(COMPUTED, MOST_VALUES)
-"""Limits of a file that a command wrote."""
+LARGEST = 1_000_000
+"""Largest size, bytes, of a settings file."""
+MOST_VALUES = 20_000
+"""Largest number of values of a settings file, after aliases and merges are expanded."""
 LONGEST = 1_000
 """Largest length, characters, of a message, and of the key path before it."""
 LONGEST_VALUE = 60
@@ -37,15 +29,14 @@ class _Loader(yaml.SafeLoader):
     yaml_implicit_resolvers: ClassVar[dict[str, Any]] = Loader.yaml_implicit_resolvers  # type: ignore[misc]
 
 
-def compose(file: Path, text: str, bounds: Bounds, expected: str) -> yaml.Node:
+def compose(file: Path, text: str, expected: str) -> yaml.Node:
     """Root node of a file's text; ``expected`` names the keys that the file should have.
 
     Raises ``ConfigError`` if the file is empty or not YAML.
     """
     try:
-        loader = _Loader if bounds is SETTINGS_FILE else Loader
-        check_bounds(text, bounds.values, loader)
-        node = yaml.compose(text, Loader=loader)
+        check_bounds(text, MOST_VALUES, _Loader)
+        node = yaml.compose(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise ConfigError([_syntax(file, text, error)]) from error
     if node is None:
@@ -74,14 +65,14 @@ def quoted(value: object) -> str:
 
 
 def place(file: Path, mark: Mark) -> str:
-    """``file:line:column``."""
-    return f"{file}:{mark.line}:{mark.column}"
+    """``file:line:column``, or the file alone without a position."""
+    return f"{file}:{mark.line}:{mark.column}" if mark != NOWHERE else str(file)
 
 
-def text_of(file: Path, bounds: Bounds) -> str:
-    """Text of a file. Raises ``ConfigError`` if it cannot be read or is not UTF-8."""
+def text_of(file: Path, largest: int = LARGEST) -> str:
+    """Text of a file of at most ``largest`` bytes. Raises ``ConfigError`` if it cannot be read or is not UTF-8."""
     try:
-        content = read_bytes(file, bounds.bytes)
+        content = read_bytes(file, largest)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise ConfigError([Problem(str(file), "", f"cannot be read: {reason[:1].lower()}{reason[1:]}")]) from error

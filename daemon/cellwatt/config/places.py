@@ -26,6 +26,14 @@ class Mark(NamedTuple):
     column: int
 
 
+NOWHERE = Mark(0, 0)
+"""The position of a value in a file whose text was not searched for it."""
+
+
+NOWHERE = Mark(0, 0)
+"""Position of a value in a file that was read without positions."""
+
+
 @dataclass(frozen=True, slots=True)
 class Location:
     """Positions of a value and of its key; ``written`` is the text of a scalar in the file, else ``""``.

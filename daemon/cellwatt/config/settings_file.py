@@ -1,28 +1,25 @@
 """Reads any other file, written by a person or by a command, with the checks of a cell's settings.
 
-Every problem is reported with file, line and column, the value found, the value expected, and the nearest known key.
+Every problem is reported with file, line and column (in a file that a command wrote: file and key), the value found,
+the value expected, and the nearest known key.
 """
 
 from __future__ import annotations
 
 import difflib
-import json
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 from pydantic import AfterValidator, TypeAdapter, ValidationError
 
-from cellwatt.config.document import Document, read
+from cellwatt.config.document import Document, read, read_computed, without_positions
 from cellwatt.config.fields import fields_at
-from cellwatt.config.marks import COMPUTED_FILE, SETTINGS_FILE
 from cellwatt.config.places import KeyPath, first
 from cellwatt.config.secret import secrets_in
 from cellwatt.config.wording import explain, unknown_key
 from cellwatt.errors import CellwattError, ConfigError, Problem
-from cellwatt.files import COMPUTED, read_text
 from cellwatt.section import Section
-from cellwatt.yaml_file import parse_yaml
 
 T = TypeVar("T")
 Check = Callable[[T], Iterable[tuple[KeyPath, str]]]
@@ -55,11 +52,8 @@ def read_settings(
 
     ``computed``: a command wrote the file, so it may be large. Raises ``refusal`` with the problems, in file order.
     """
-    adapter: TypeAdapter[T] = TypeAdapter(kind)
-    if computed and (made := _at_once(path, adapter, check)) is not None:
-        return made
     try:
-        return _placed(path, adapter, kind, check, computed)
+        return _checked(path, kind, check, computed)
     except ConfigError as error:
         if issubclass(refusal, ConfigError):
             raise
@@ -67,26 +61,19 @@ def read_settings(
         raise refusal(f"{error.problems[0]}{f' (and {more} more)' if more else ''}") from error
 
 
-def _at_once(path: Path, adapter: TypeAdapter[T], check: Check[T] | None) -> T | None:
-    """Content, read without the slow search for the position of each value; None if anything is wrong."""
-    try:
-        text = read_text(path, COMPUTED)
-        made = adapter.validate_python(json.loads(text) if path.suffix == ".json" else parse_yaml(text))
-    except (OSError, ValueError, RecursionError):
-        return None
-    return None if check is not None and any(True for _ in check(made)) else made
-
-
-def _placed(path: Path, adapter: TypeAdapter[T], kind: Any, check: Check[T] | None, computed: bool) -> T:
+def _checked(path: Path, kind: Any, check: Check[T] | None, computed: bool) -> T:
+    adapter: TypeAdapter[T] = TypeAdapter(kind)
     fields = fields_at(kind, ())
-    keys = [name for name, field in fields.items() if field.is_required()] or fields
-    document = read(path, {}, bounds=COMPUTED_FILE if computed else SETTINGS_FILE, expected=", ".join(keys))
+    expected = ", ".join([name for name, field in fields.items() if field.is_required()] or fields)
+    document = read_computed(path, expected) if computed else read(path, {}, expected=expected)
     for secret in secrets_in(kind, document.value):
         document.hide(secret)
     mistakes = [problem for found in document.mistakes.values() for problem in found]
     try:
         made = adapter.validate_python(document.value)
     except ValidationError as error:
+        if computed:
+            document.places.update(without_positions(document.value))
         invalid = explain(error, kind, document, (), set(document.mistakes))
         raise ConfigError(first([*mistakes, *invalid])) from error
     mistakes += _misspelt(document, kind)

@@ -15,7 +15,7 @@ from typing import Any
 from cellwatt.config import load
 from cellwatt.demo import cells, fault, processes, simulation
 from cellwatt.demo.seen import Seen
-from cellwatt.demo.summary import delivery_problems, sources_of, summary, summary_of_every_driver
+from cellwatt.demo.summary import delivery_problems, sources_of, summary
 from cellwatt.emulation import EmulatorProcess
 from cellwatt.emulation.cell import devices_of, places, running
 from cellwatt.errors import CellwattError
@@ -49,7 +49,7 @@ class Demonstration:
         self._stopped = self._stopped or why
         self._stopping.set()
 
-    async def small(self) -> dict[str, Any]:
+    async def run(self) -> dict[str, Any]:
         """Run four devices and attach a spring to an elbow joint; return the summary, ready for JSON.
 
         Raises ``CellwattError`` if a process does not start.
@@ -59,42 +59,12 @@ class Demonstration:
         file = cells.packaged()
         config = load(file, cells.environment(self.folder, endpoint, page, {}))
         devices = [replace(d, speed=cells.SPEEDS.get(d.name, 1.0)) for d in devices_of(config, free=True)]
-        hooked: float | None = None
         async with running(devices, self.epoch) as emulators:
             variables = cells.environment(self.folder, endpoint, page, places(devices, emulators))
-
-            async def play() -> None:
-                nonlocal hooked
-                hooked = await self._hook(emulators, page)
-
-            code = await self._follow(processes.daemon(file, self.folder, variables), endpoint, play)
-            delays = await _delays(emulators)
-        return self._with_end(summary(self.seen, delays, hooked, code))
-
-    async def every_driver(self) -> dict[str, Any]:
-        """Run a device of each driver; return the summary, ready for JSON, with the drivers whose library is missing.
-
-        Raises ``CellwattError`` if a process does not start.
-        """
-        endpoint = cells.free_endpoint()
-        sources, lacking = cells.usable(cells.every_driver(), self.folder)
-        devices = devices_of(load(cells.write(self.folder, sources, endpoint), {}), free=True)
-        async with running(devices, self.epoch) as emulators:
-            for (_, name, key), value in places(devices, emulators).items():
-                sources[str(name)][str(key)] = value
-
-            async def play() -> None:
-                self.say(f"{len(devices)} devices run for {self.seconds:.0f} s")
-                await self._pause(self.seconds)
-
-            code = await self._follow(
-                processes.daemon(cells.write(self.folder, sources, endpoint), self.folder), endpoint, play
-            )
-            sent = {name: dict(await emulator.counts()) for name, emulator in emulators.items()}
-            delays = await _delays(emulators)
-        return self._with_end(summary_of_every_driver(self.seen, delays, sources, lacking, sent, code))
-
-    def _with_end(self, found: dict[str, Any]) -> dict[str, Any]:
+            async with processes.daemon(file, self.folder, variables) as daemon:
+                hooked = await self._follow(daemon, endpoint, emulators, page)
+            delays = {name: await emulator.kept() for name, emulator in emulators.items()}
+        found = summary(self.seen, delays, hooked, daemon.returncode)
         if not self._stopped:
             return found
         return {**found, "ok": False, "problems": [f"the demo was ended early: {self._stopped}", *found["problems"]]}
@@ -106,16 +76,17 @@ class Demonstration:
 
     async def _follow(
         self,
-        run: contextlib.AbstractAsyncContextManager[asyncio.subprocess.Process],
+        daemon: asyncio.subprocess.Process,
         endpoint: str,
-        play: Callable[[], Any],
-    ) -> int | None:
-        """Run daemon and subscriber until ``play`` returns, then stop both; return the daemon's exit code."""
-        async with run as daemon, processes.subscriber(endpoint) as watching:
+        emulators: Mapping[str, EmulatorProcess],
+        page: str,
+    ) -> float | None:
+        """Run the subscriber and attach the spring, then stop daemon and subscriber; return as ``_hook``."""
+        async with processes.subscriber(endpoint) as watching:
             reading = asyncio.create_task(self._read(watching))
             try:
                 await self._until_running(daemon, watching)
-                await play()
+                hooked = await self._hook(emulators, page)
                 daemon.send_signal(signal.SIGTERM)
                 await asyncio.wait_for(daemon.wait(), STOP)
                 await self._until_delivered()
@@ -124,7 +95,7 @@ class Demonstration:
                     watching.terminate()
                 await asyncio.wait([reading], timeout=5)
                 reading.cancel()
-            return daemon.returncode
+            return hooked
 
     async def _hook(self, emulators: Mapping[str, EmulatorProcess], page: str) -> float | None:
         """Attach the spring, at the latest halfway; return the UTC time, s, or None if the demo ended before."""
@@ -189,11 +160,6 @@ class Demonstration:
             message = json.loads(line)
             self.seen.add(message)
             self.show(message)
-
-
-async def _delays(emulators: Mapping[str, EmulatorProcess]) -> dict[str, float]:
-    """Time, s, for which this PC did not let each emulator run."""
-    return {name: await emulator.kept() for name, emulator in emulators.items()}
 
 
 async def _ended(tasks: Sequence[asyncio.Task[None]]) -> None:

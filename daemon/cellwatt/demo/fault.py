@@ -1,4 +1,4 @@
-"""The fault of the small demo: a spring attached to an elbow joint, and the delay of its alarm."""
+"""The fault of the demo: a spring attached to an elbow joint, and the delay of its alarm."""
 
 from __future__ import annotations
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from cellwatt.demo import fault
-from cellwatt.demo.cells import SMALL
+from cellwatt.demo.cells import SOURCES
 from cellwatt.demo.seen import Seen
 from cellwatt.slots import HOST
 
@@ -19,13 +19,16 @@ def summary(seen: Seen, delays: Mapping[str, float], hooked: float | None, exit_
     """Summarise a run: sources, and the spring attached at ``hooked``, UTC s. ``delays`` is as in ``sources_of``."""
     sources = sources_of(seen, delays)
     figures = None if hooked is None else fault.figures(seen, hooked)
-    problems = problems_of(seen, sources, SMALL, exit_code)
+    problems = problems_of(seen, sources, exit_code)
     if figures is not None:
         problems += fault.problems_of(figures, busy=any(source["host_stalled"] for source in sources.values()))
     if not seen.predictions:
         problems.append("the model predicted nothing")
     return {
-        **_of_all_cells(seen, sources, problems),
+        "ok": not problems,
+        "problems": problems,
+        "sources": sources,
+        "frames": seen.samples["frame"],
         "intervals": len(seen.intervals),
         "tasks": seen.tasks,
         "fault": figures,
@@ -41,26 +44,6 @@ def _meter(seen: Seen) -> dict[str, Any] | None:
     return {"statement": timings[-1]["statement"], **timings[-1]["evidence"]} if timings else None
 
 
-def summary_of_every_driver(
-    seen: Seen,
-    delays: Mapping[str, float],
-    devices: Collection[str],
-    lacking: Mapping[str, str],
-    emulated: Mapping[str, Mapping[str, int]],
-    exit_code: int | None,
-) -> dict[str, Any]:
-    """Summarise the cell of all drivers: sources, their emulators' counts, and skipped drivers with the reason."""
-    sources = sources_of(seen, delays)
-    problems = problems_of(seen, sources, devices, exit_code)
-    for name, source in sources.items():
-        source["emulated"] = dict(emulated.get(name, {}))
-    return {**_of_all_cells(seen, sources, problems), "left_out": dict(lacking)}
-
-
-def _of_all_cells(seen: Seen, sources: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
-    return {"ok": not problems, "problems": problems, "sources": sources, "frames": seen.samples["frame"]}
-
-
 def sources_of(seen: Seen, delays: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """By source: counts, losses, polls missed because this PC was stalled, and streams.
 
@@ -71,14 +54,12 @@ def sources_of(seen: Seen, delays: Mapping[str, float]) -> dict[str, dict[str, A
     return {name: _source(name, status, seen, delays.get(name, 0.0)) for name, status in sources.items()}
 
 
-def problems_of(
-    seen: Seen, sources: Mapping[str, Mapping[str, Any]], expected: Collection[str], exit_code: int | None
-) -> list[str]:
+def problems_of(seen: Seen, sources: Mapping[str, Mapping[str, Any]], exit_code: int | None) -> list[str]:
     """Problems of the sources, and of the delivery from daemon to subscriber."""
     problems = [p for name, source in sources.items() for p in _source_problems(name, source)]
     if exit_code != 0:
         problems.append(f"the daemon ended with exit code {exit_code}")
-    if set(sources) != set(expected):
+    if set(sources) != set(SOURCES):
         problems.append(f"sources seen: {', '.join(sources) or 'none'}")
     if seen.gaps:
         problems.append(f"{seen.gaps} gaps at the subscriber")

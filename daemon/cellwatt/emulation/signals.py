@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,6 +15,9 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt.tables import read_table
+from cellwatt.tables.names import understood
+
+log = logging.getLogger(__name__)
 
 
 class Signals(Protocol):
@@ -71,8 +77,15 @@ class RecordedSignals:
 def load_signals(path: Path, *, loop: bool = False) -> RecordedSignals:
     """Read a table or a recording as signals, named as its columns, in SI units if the file names units.
 
-    Raises ``RecordingError`` if it cannot be read, or has no rising time.
+    A channel of a cell is also named without its source: ``joint_1.position`` for ``arm.joint_1.position``, unless
+    several sources have it, which is logged. Raises ``RecordingError`` if the file cannot be read, or has no rising
+    time.
     """
     table = read_table(path)
     time = table.rising_time()
-    return RecordedSignals(time, {name: table.plain(name) for name in table.columns if name != table.clock}, loop)
+    columns = {name: table.plain(name) for name in table.columns if name != table.clock}
+    ends = [(name[dot.end() :], name) for name in columns for dot in re.finditer(r"\.", name)]
+    count = Counter(end for end, _ in ends)
+    if several := [end for end in count if count[end] > 1 and "." in end and understood(end) is not None]:
+        log.warning("%s: several sources have %s: only a name with its source is served", path, ", ".join(several))
+    return RecordedSignals(time, {end: columns[name] for end, name in ends if count[end] == 1} | columns, loop)

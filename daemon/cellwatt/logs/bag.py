@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt.errors import RecordingError
+from cellwatt.errors import RecordingError, why
 from cellwatt.logs.choice import how
 from cellwatt.logs.log import COMMANDS, Log, Quantity, natural
 from cellwatt.logs.messages import CONTROLLER, STATE, Bag
@@ -35,12 +36,13 @@ def is_bag(path: Path) -> bool:
     """True for a rosbag2 folder, with or without metadata, and for an SQLite file."""
     if not path.is_dir():
         return path.suffix == ".db3"
-    try:
+    with suppress(OSError):
         if "rosbag2_bagfile_information" in (path / "metadata.yaml").read_text("utf-8", "replace"):
             return True
-    except OSError:
-        pass
-    return any(each.suffix == ".db3" for each in path.iterdir())
+    try:
+        return any(each.suffix == ".db3" for each in path.iterdir())
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {why(error)}") from error
 
 
 @dataclass

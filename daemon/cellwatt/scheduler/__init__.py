@@ -16,12 +16,12 @@ from contextlib import AbstractContextManager, chdir, contextmanager, nullcontex
 from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, TypeVar, overload
+from typing import Any, TypeVar, overload
 
 from cellwatt.child import end_with
 from cellwatt.errors import CellwattError, ConfigError
 from cellwatt.progress import Stage, stage
-from cellwatt.tables.names import called, looked_up, names_called
+from cellwatt.tables.names import called, names_called
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -50,17 +50,14 @@ class Pool:
                 with chdir("/"):
                     answers = [self._pool.submit(call, item) for item in items]
                 for answer in answers:
-                    result, columns = answer.result()
-                    results.append(result)
-                    looked_up().update(columns)
+                    results.append(answer.result())
                     progress.done = float(len(results))
             except BrokenProcessPool as error:
                 self.end()
                 item = f"item {len(results) + 1} of {len(items)} ({' '.join(repr(items[len(results)]).split())[:100]})"
                 why = "a worker process was killed: is there enough memory?"
                 raise CellwattError(f"{progress.name}, at {item} or later: {why}") from error
-            except BaseException as error:
-                looked_up().update(vars(error).get(_COLUMNS, ()))
+            except BaseException:
                 self.end()  # the running items are not needed any more
                 raise
         return results
@@ -131,8 +128,6 @@ def spread(function: Callable[..., R], items: Sequence[T], what: str, shared: An
 
 _held: tuple[str, Any] | None = None
 """File and value of ``shared`` of the present call of ``spread``."""
-_COLUMNS: Final = "looked_up"
-"""Attribute of an exception with the columns that the failed call looked up."""
 
 
 def _begin(parent: int) -> None:
@@ -143,9 +138,9 @@ def _begin(parent: int) -> None:
 
 def _call(
     function: Callable[..., Any], folder: Path, names: Sequence[tuple[str, str]], shared: str | None, item: Any
-) -> tuple[Any, set[str]]:
+) -> Any:
     """Call the function in ``folder`` and with the user's ``names`` of columns, as the command runs, so that relative
-    paths and tables have the same meaning. Also return the columns looked up; an exception holds them, too."""
+    paths and tables have the same meaning."""
     global _held  # one value per worker for all items
     with suppress(OSError):  # without the folder, the function reports which relative path is missing
         os.chdir(folder)
@@ -153,13 +148,11 @@ def _call(
         _held = shared, pickle.loads(Path(shared).read_bytes())
     with _one_thread(), called(names):
         try:
-            result = function(item) if shared is None or _held is None else function(item, _held[1])
+            return function(item) if shared is None or _held is None else function(item, _held[1])
         except Exception as error:
             if _can_be_sent(error):
-                vars(error)[_COLUMNS] = looked_up()
                 raise
             raise CellwattError(f"{type(error).__name__}: {' '.join(str(error).split())}") from None
-        return result, looked_up()
 
 
 def _can_be_sent(error: Exception) -> bool:

@@ -7,18 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-import numpy as np
-from numpy.typing import NDArray
-
-from cellwatt.arrays import Float
 from cellwatt.errors import RecordingError
 from cellwatt.logs.log import COMMANDS, alike, natural, numbered, placed
 from cellwatt.tables.names import JOINT, Name, parsed, understood, unit_in, unit_named
 from cellwatt.tables.table import Table
 from cellwatt.units import TABLE
 
-MOST_JOINTS: Final = 64
-"""Largest number of joints that a column of a file may name."""
 _STEMS: Final = {
     **{stem: quantity for quantity, stems in JOINT.items() for stem in stems},
     "pos": "position",
@@ -35,9 +29,8 @@ _OF_JOINT: Final = re.compile(
 _NUMBERED_JOINT: Final = re.compile(r".*(?:joint|axis|motor|(?<![a-z])[aj])[ _]?\d+(?:_joint)?", re.IGNORECASE)
 _OTHER: Final = (*COMMANDS, "error", "limit", "setpoint")
 """Words in the name of a column that is not measured."""
-_LISTS: Final = "names?|joint_names?"
-_OF_LIST: Final = re.compile(rf"joint|{_LISTS}|(?P<path>.*?)(?:{_LISTS})[_.]?\[?(?P<number>\d+)\]?", re.IGNORECASE)
-"""Columns that hold the names of joints: one a row, or numbered like the columns of their quantities."""
+_OF_LIST: Final = re.compile(r"(?P<path>.*?)(?:joint_)?names?[_.]?\[?(?P<number>\d+)\]?", re.IGNORECASE)
+"""Columns that hold the names of joints, numbered like the columns of their quantities."""
 _MOTION: Final = frozenset(JOINT) - {"current", "temperature"}
 _NO_POWER: Final = (*_OTHER, "max", "min", "peak", "apparent", "reactive", "rated", "nominal")
 """Words in the name of a column in W that is not the present power."""
@@ -49,7 +42,6 @@ def by_name(table: Table, joints: Sequence[str]) -> Table:
     A file whose joints are numbered is returned unchanged. Raises ``RecordingError`` if the file has only some of
     ``joints``, several for one of them, or joints that change from row to row.
     """
-    table = _widened(table)
     known = {column: understood(column) for column in (*table.columns, *table.unfit)}
     found = dict(_of_joints(table, known))
     others = {column: name.quantity for column, name in known.items() if name is not None and column not in found}
@@ -106,10 +98,9 @@ def _metered(table: Table) -> Table:
 def _of_joints(table: Table, known: Mapping[str, Name | None]) -> Iterator[tuple[str, Name]]:
     """Columns that name a joint; the family of their name is the path before it."""
     listed = {}
-    for column, labels in table.texts.items():
-        if (match := _OF_LIST.fullmatch(column)) is not None and match["number"]:
-            same = bool(np.all(labels == labels[0]))
-            listed[match["path"].casefold(), int(match["number"])] = str(labels[0]) if same else ""
+    for column, label in table.labels.items():
+        if (match := _OF_LIST.fullmatch(column)) is not None:
+            listed[match["path"].casefold(), int(match["number"])] = label
     for column, name in known.items():
         if name is not None and name.number is not None:
             path = name.family.removesuffix(name.stem)
@@ -137,43 +128,9 @@ def names_joints(column: str) -> bool:
     return _OF_LIST.fullmatch(column) is not None
 
 
-def labels_of(column: Any) -> NDArray[np.object_] | None:
-    """The texts (N,) of a column; None if they are more than a robot has joints."""
+def label_of(column: Any) -> str:
+    """The text that all cells of a column hold, "" if they differ; empty cells do not count."""
     import pyarrow.compute as pc
 
-    texts = pc.unique(column)
-    if len(texts) > MOST_JOINTS:
-        return None
-    labels: NDArray[np.object_] = np.asarray(texts.to_pylist(), object)[pc.index_in(column, value_set=texts)]
-    return labels
-
-
-def _widened(table: Table) -> Table:
-    """One row for all joints and a column for each, if each row holds one joint, which a column names.
-
-    The table is returned unchanged if no column names joints, or the joints do not have the same times.
-    """
-    labels = [labels for name, labels in table.texts.items() if not name.endswith((*"0123456789", "]"))]
-    if len(labels) != 1 or table.clock is None or table.clock not in table.columns:
-        return table
-    joints = list(dict.fromkeys(labels[0].tolist()))
-    rows = [np.flatnonzero(labels[0] == joint) for joint in joints]
-    rows = [each[: min(map(len, rows))] for each in rows]
-
-    def alike_in(values: Float) -> bool:
-        return all(np.array_equal(values[own], values[rows[0]], equal_nan=True) for own in rows)
-
-    if len(joints) < 2 or None in joints or not alike_in(table.columns[table.clock]):
-        return table
-    columns: dict[str, Float] = {}
-    for name, values in table.columns.items():
-        if parsed(f"{joints[0]}/{name}", _of_joint) is None and alike_in(values):
-            columns[name] = values[rows[0]]
-        else:
-            columns |= {f"{joint}/{name}": values[own] for joint, own in zip(joints, rows, strict=True)}
-    units, unfit = (
-        {**whole, **{f"{joint}/{name}": text for name, text in whole.items() for joint in joints}}
-        for whole in (table.units, table.unfit)
-    )
-    at = table.row_numbers[rows[0]]
-    return replace(table, columns=columns, unfit=unfit, units=units, rows=at, texts={})
+    texts = pc.unique(column).drop_null()
+    return str(texts[0].as_py()) if len(texts) == 1 else ""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cellwatt.errors import RecordingError, why
 from cellwatt.files import COMPUTED, UnfitFileError, check_file, read_bytes
-from cellwatt.tables.by_name import by_name, labels_of, names_joints
+from cellwatt.tables.by_name import by_name, label_of, names_joints
 from cellwatt.tables.cells import TEXT, Cells, cells_of, grouped, listed
 from cellwatt.tables.encoding import text_of
 from cellwatt.tables.fractions import joined
@@ -216,7 +216,7 @@ def _placed(
     """Make a table of the named columns, without rows that lack a time; ``numbers``: row numbers in a text file."""
     values: dict[str, NDArray[np.float64]] = {}
     unfit: dict[str, str] = {}
-    texts: dict[str, NDArray[np.object_]] = {}
+    labels: dict[str, str] = {}
     index = "" if "time" in written else "time"  # pandas writes the times of an index without a name
     names = [name or (index if cells.kind in CLOCKS else "") for name, cells in zip(written, found, strict=True)]
     names = _counted(names)
@@ -235,9 +235,9 @@ def _placed(
             word = str(column[cells.row])[:_LONGEST]
             wanted = ", expected numbers" if cells.fault == TEXT else ""
             unfit[name] = f"{cells.fault}, first {word!r} in {table.place(name, cells.row)}{wanted}"
-            if names_joints(name) and cells.fault == TEXT and (labels := labels_of(column)) is not None:
-                texts[name] = labels
-    return _timed(replace(table, clocks=joined(values, clocks), texts=texts))
+            if names_joints(name) and cells.fault == TEXT:
+                labels[name] = label_of(column)
+    return _timed(replace(table, clocks=joined(values, clocks), labels=labels))
 
 
 def _counted(names: Sequence[str]) -> list[str]:

@@ -97,6 +97,9 @@ _SHORT: Final = {
     "[ ·⋅.*]|(?<=n)-(?=m)": "",
 }
 """Spellings of units, in small letters, and their abbreviations."""
+_MILLI: Final = ("mW", "mNm")
+"""Units that are taken for millions of the SI unit if they begin with a capital."""
+_MEGA = re.compile("M(?!(?i:illi))")
 _BRACKETS = re.compile(r"(?P<name>.*?)(?:\s*[\[(]|\s+/(?=\s))\s*(?P<unit>[^\[\]()]*?)\s*[\])]?")
 _CHANNEL = re.compile(r"(?:(?P<source>.+)\.)?joint_?(?P<number>\d+)[._](?P<stem>\w+)")
 _NUMBERED = re.compile(
@@ -170,11 +173,6 @@ def names_called() -> Sequence[tuple[str, str]]:
     return _OF_THE_USER.get(_NONE).names
 
 
-def looked_up() -> set[str]:
-    """The columns looked up so far in the innermost ``called``, if the user has names of columns."""
-    return _OF_THE_USER.get(_NONE).columns
-
-
 def understood(written: str) -> Name | None:
     """Parse a column's name; None if it is unknown."""
     user = _OF_THE_USER.get(_NONE)
@@ -210,7 +208,7 @@ def parsed(written: str, parse: Callable[[str, str | None], Name | None]) -> Nam
 def scale(quantity: str, unit: str | None) -> tuple[float, float] | None:
     """Factor and offset that convert a value in ``unit`` to the SI unit of its quantity; None for an unknown unit.
 
-    Case is ignored: no two units of a quantity differ by case alone.
+    Case is ignored, except that of M before W and Nm: ``MW`` is no ``mW``.
     """
     found = Unit("") if unit is None else _spelt(unit, _UNITS[quantity])
     return None if found is None else (found.factor, float(found.si(0.0)))
@@ -225,7 +223,8 @@ def _spelt(text: str, units: Mapping[str, Unit]) -> Unit | None:
     plain = unicodedata.normalize("NFKC", text).casefold()
     for spelling, short in _SHORT.items():
         plain = re.sub(spelling, short, plain)
-    return {name.casefold(): unit for name, unit in units.items()}.get(plain)
+    found = {name.casefold(): unit for name, unit in units.items()}.get(plain)
+    return None if found is not None and found.name in _MILLI and _MEGA.match(text.strip()) else found
 
 
 def along(unit: str | None) -> bool | None:

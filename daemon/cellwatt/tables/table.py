@@ -56,8 +56,8 @@ class Table:
     """Columns that hold times of day."""
     named: tuple[str, ...] = ()
     """Names of the joints, in the order of the columns, if the file names them."""
-    texts: Mapping[str, NDArray[np.object_]] = field(default_factory=dict)
-    """(N,) names of joints in the columns that hold these."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """Name of a joint that all cells of a column hold, "" if they differ; for columns of names alone."""
     meant: Mapping[str, Name | None] = field(default_factory=dict)
     """Meaning of columns that name their joint; None for joints that are not the robot's."""
 
@@ -116,8 +116,7 @@ class Table:
     def at(self, rows: NDArray[np.bool_] | slice) -> Table:
         """The table restricted to the rows where ``rows`` (N,) is true, or to those of a slice."""
         columns = {name: values[rows] for name, values in self.columns.items()}
-        texts = {name: labels[rows] for name, labels in self.texts.items()}
-        return replace(self, columns=columns, texts=texts, rows=self.row_numbers[rows])
+        return replace(self, columns=columns, rows=self.row_numbers[rows])
 
     def joints(self, quantity: str) -> Float | None:
         """A quantity of ``JOINT`` for all n joints in the file, (N, n) in its SI unit; None if the file lacks it.

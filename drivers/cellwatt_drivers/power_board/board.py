@@ -45,17 +45,11 @@ class Board:
         """Take a packet that arrived at the cell's time ``arrival``, ns; ``release`` then emits due samples."""
         self._last_packet = arrival
         position = self._clock.place(packet, arrival)
-        if position.verdict == "stale":
-            self._inlet.account.anomaly("late")
-            return
-        if position.verdict in {"jumped", "restarted"}:
+        if position.verdict == "restarted":
             self.release(arrival, everything=True)
-            if position.verdict == "restarted":
-                self.order.restart()
-            jumped = f"its clock jumped by {position.jump / 1e6:+.3f} s"
-            text = jumped if position.verdict == "jumped" else "it restarted"
-            self._inlet.clock_reset(self.stream, text)
-            self._inlet.event(f"board {position.verdict}", f"{self._label}: {text}", jump_s=position.jump / 1e6)
+            self.order.restart()
+            self._inlet.clock_reset(self.stream, "it restarted")
+            self._inlet.event("board restarted", f"{self._label}: it restarted")
         outcome = self.order.put(Placed(packet, position.sequence, position.time, arrival))
         if outcome == "reordered":
             self._inlet.account.count(outcome)

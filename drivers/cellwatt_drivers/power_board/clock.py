@@ -2,7 +2,7 @@
 
 At 123 Hz the sequence wraps every 532 s and the clock every 71.6 min, so each alone is ambiguous after an outage.
 Together with the cell's time they are unique: the cell's time gives the turn of the clock, the clock gives the turn of
-the sequence. A packet that fits neither means that the clock jumped or the board restarted.
+the sequence. A packet that fits neither means that the board restarted.
 """
 
 from __future__ import annotations
@@ -21,27 +21,22 @@ OLDEST = 60e6
 """Longest delay of a packet, µs (stalled link, buffered bytes); a longer one means a new time base."""
 RECENT = 1024
 """Samples by which a duplicate or overtaken packet may be behind."""
-OVERTAKEN = 64
-"""Samples by which a packet may be behind if the clock jumped in between."""
 MOST_BEHIND = 32
 """Consecutive packets behind that mean the board restarted shortly after its last start."""
 
-Verdict = Literal["follows", "behind", "stale", "jumped", "restarted"]
+Verdict = Literal["follows", "behind", "restarted"]
 
 
 @dataclass(frozen=True, slots=True)
 class PacketPosition:
     """Position of a packet on the unwrapped scales: ``sequence`` and ``time`` (µs) of its first sample.
 
-    ``follows``: after the newest packet; ``behind``: before it; ``stale``: before it, on a former time base;
-    ``jumped``: next in sequence, but the clock was set, by ``jump`` µs; ``restarted``: sequence and clock both
-    restarted.
+    ``follows``: after the newest packet; ``behind``: before it; ``restarted``: its time base is another one.
     """
 
     sequence: int
     time: int
     verdict: Verdict
-    jump: float = 0.0
 
 
 class BoardClock:
@@ -70,26 +65,13 @@ class BoardClock:
             if steps > 0:
                 return self._advance(packet, steps, time, now)
             return self._fall_behind(packet, PacketPosition(self._sequence + steps, time, "behind"), now)
-        steps = self._steps(packet, elapsed)
-        if -OVERTAKEN <= steps <= 0:
-            return self._fall_behind(packet, PacketPosition(self._sequence + steps, time, "stale"), now)
-        if (
-            steps > 0
-            and not self._fresh(packet)
-            and elapsed - OLDEST <= steps * self._step <= 1.02 * elapsed + 2 * EARLY
-        ):
-            jump = unwrapped(packet.time, TIME_WRAP, expected) - self._time - steps * self._step
-            return self._start(packet, now, "jumped", self._sequence + steps, jump)
         return self._start(packet, now, "restarted")
-
-    @property
-    def _step(self) -> float:
-        return self._period or self._nominal
 
     def _steps(self, packet: Packet, span: float) -> int:
         """Samples from the newest to this one, given about how many µs lie between them."""
         assert self._sequence is not None
-        return unwrapped(packet.sequence, SEQUENCE_WRAP, self._sequence + span / self._step) - self._sequence
+        expected = self._sequence + span / (self._period or self._nominal)
+        return unwrapped(packet.sequence, SEQUENCE_WRAP, expected) - self._sequence
 
     def _fits(self, steps: int, span: float) -> bool:
         """True if ``steps`` samples take ``span`` µs; while the period is unknown, if they could."""
@@ -98,16 +80,6 @@ class BoardClock:
         if self._period is None:
             return steps <= RECENT
         return abs(span - steps * self._period) <= 20e3 + 2 * self._period + 0.02 * abs(steps) * self._period
-
-    def _fresh(self, packet: Packet) -> bool:
-        """True if both counters went back to values of a board switched on within the last minute."""
-        assert self._sequence is not None
-        went_back = packet.time < self._time and packet.sequence < self._sequence
-        return (
-            went_back
-            and packet.time < OLDEST
-            and (abs(packet.time - packet.sequence * self._step) <= 20e3 + 2 * self._step + 0.02 * packet.time)
-        )
 
     def _advance(self, packet: Packet, steps: int, time: int, now: float) -> PacketPosition:
         assert self._sequence is not None
@@ -125,12 +97,10 @@ class BoardClock:
         self._behind += 1
         return place if self._behind < MOST_BEHIND else self._start(packet, now, "restarted")
 
-    def _start(
-        self, packet: Packet, now: float, verdict: Verdict, sequence: int | None = None, jump: float = 0.0
-    ) -> PacketPosition:
-        """Make this packet the new origin of the clock, and of the sequence unless that continues."""
-        self._sequence = packet.sequence if sequence is None else sequence
+    def _start(self, packet: Packet, now: float, verdict: Verdict) -> PacketPosition:
+        """Make this packet the new origin of clock and sequence."""
+        self._sequence = packet.sequence
         self._time, self._arrival, self._ahead = packet.time, now, packet.time - now
         self._period = float(packet.step) if packet.step else None
         self._behind = 0
-        return PacketPosition(self._sequence, self._time, verdict, jump)
+        return PacketPosition(self._sequence, self._time, verdict)

@@ -52,15 +52,15 @@ class PowerBoardEmulator(Emulator):
 
     Faults strike radio packets. ``loss``; ``half_frame``: cut off; ``garbage``: random bytes before it; ``duplicate``:
     sent twice; ``reorder``: overtaken by the next one; ``delay``: it and all behind it wait; ``stall``: nothing is sent
-    for a time, then everything is; ``disconnect``: the port disappears (needs a link); ``clock_jump``: the board's
-    clock jumps ahead by ``seconds``. ``made``, ``sent`` (whole, to an open port) and ``unheard`` count samples, the
-    faults and ``packets`` count packets, ``heard`` bytes from a client.
+    for a time, then everything is; ``disconnect``: the port disappears (needs a link). ``made``, ``sent``
+    (whole, to an open port) and ``unheard`` count samples, the faults and ``packets`` count packets, ``heard`` bytes
+    from a client.
     """
 
     title: ClassVar[str] = "Power board behind an XBee receiver"
     usual_address: ClassVar[str] = "pty"
     line = "port"
-    faults = FAULT_KINDS
+    faults = tuple(kind for kind in FAULT_KINDS if kind != "clock_jump")
 
     @classmethod
     def options_for(cls, sources: Sequence[Any]) -> dict[str, str]:
@@ -81,7 +81,6 @@ class PowerBoardEmulator(Emulator):
         self._blocks = Blocks(self._phase_values, 1 / self._rate, self._batch * -(-AHEAD // self._batch))
         self._began: float | None = None
         self._woke = 0.0  # UTC of the first sample, s
-        self._clock = 0.0  # s added to the board's clock by jumps
         self._opened: float | None = None  # when a client opened the port
         self._listened = False
         self._leaving: float | None = None  # s for which the port will be gone once all bytes are read
@@ -136,8 +135,6 @@ class PowerBoardEmulator(Emulator):
         self._listen(port, now)
         if (fault := self.injector.once("stall")) is not None:
             self._blocked = now + fault.seconds
-        if (fault := self.injector.once("clock_jump")) is not None:
-            self._clock += fault.seconds
         self._measure(now)
         self._send(port, now)
 
@@ -194,7 +191,7 @@ class PowerBoardEmulator(Emulator):
 
     def _packet(self, first: int) -> payload.Packet:
         """The samples from number ``first`` on."""
-        microseconds = round((first / self._rate + self._clock) * 1e6)
+        microseconds = round(first / self._rate * 1e6)
         values, row = self._blocks.at(first)
         raw = payload.raw(values[row : row + self._batch])
         sequence, stamp = first % payload.SEQUENCE_WRAP, microseconds % payload.TIME_WRAP

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
 Steps = NDArray[np.int64]
-Policy = Literal["auto", "requested", "off"]
 
 WINDOW = 50
 """Number of steps from which a grid is learned."""
@@ -30,24 +27,17 @@ DRIFT = 1e-3
 class Grid:
     """Counts the packages missing between received ones, from the steps of the controller's time.
 
-    ``requested`` uses the requested step, ``off`` counts nothing, ``auto`` learns: the grid's step is the most common
-    one of ``WINDOW`` steps, and is valid while ``SHARE`` of the steps are whole multiples of it. This distinguishes a
-    controller that delivers less than requested, and a recording with uneven times, from a controller that loses
-    packages.
+    The grid's step is the most common one of ``WINDOW`` steps, and is valid while ``SHARE`` of the steps are whole
+    multiples of it. This distinguishes a controller that delivers less than requested, and a recording with uneven
+    times, from a controller that loses packages.
     """
 
-    def __init__(self, policy: Policy) -> None:
-        self.policy = policy
+    def __init__(self) -> None:
         self.step: float | None = None
         """Step of the grid in force, ns, or ``None``."""
         self._window: list[int] = []
         self._strange = 0
         self._seen = 0
-
-    def ask(self, period: float) -> None:
-        """Set the step requested from the controller, ns."""
-        if self.policy == "requested":
-            self.step = period
 
     def keeps(self, step: int) -> bool:
         """True if a step of this many ns is one step of the grid in force, so that no package is missing."""
@@ -55,18 +45,13 @@ class Grid:
 
     def missing(self, steps: Steps) -> int:
         """Return how many packages are newly known to be missing, given the next steps (n,) ns, all above 0."""
-        if self.policy == "off":
-            return 0
         if self.step is None:
             return self._learn(steps)
         if abs(int(steps.max()) - self.step) <= OFF_GRID * self.step and steps.min() >= (1 - OFF_GRID) * self.step:
             self._review(len(steps), 0)
             return 0
-        cycles = np.rint(steps / self.step)
-        if self.policy == "requested":
-            return int(np.maximum(cycles - 1, 0).sum())
         fits = _fit(steps, self.step)
-        missing = int((cycles[fits] - 1).sum())
+        missing = int((np.rint(steps[fits] / self.step) - 1).sum())
         self._review(len(steps), len(steps) - int(np.count_nonzero(fits)))
         return missing
 

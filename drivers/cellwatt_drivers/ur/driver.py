@@ -15,7 +15,6 @@ from cellwatt.together import until_one_ends
 from cellwatt_drivers.ur import session as rtde
 from cellwatt_drivers.ur import wire
 from cellwatt_drivers.ur.clock_check import compare
-from cellwatt_drivers.ur.continuity import Policy
 from cellwatt_drivers.ur.fields import cycle_rate, decimation
 from cellwatt_drivers.ur.intake import Intake
 from cellwatt_drivers.ur.recipe import Selection
@@ -54,9 +53,6 @@ class UrSettings(SourceSettings):
     """Packages a second: up to 500 Hz, on CB3 up to 125 Hz (a higher rate is reduced to that)."""
     channels: tuple[str, ...] = DEFAULT_CHANNELS
     """RTDE fields (``actual_q``) or single channels (``joint_1.position``, ``bus.power``)."""
-    gaps: Policy = "auto"
-    """Counting of lost packages: ``auto`` on the grid observed in the controller's timestamps, ``requested`` on the
-    requested grid, ``off`` not at all."""
     timeout: Seconds = Field(2.0, gt=0)
     """Silence after which the connection is closed and opened again."""
 
@@ -85,7 +81,7 @@ class UrDriver(Driver[UrSettings]):
         super().__init__(name, settings, inlet)
         self._selection = Selection.of(settings.channels)
         self._stream = Stream("rtde", self._selection.channels, settings.rate, "device")
-        self._intake = Intake(inlet, self._stream, settings.gaps)
+        self._intake = Intake(inlet, self._stream)
 
     @property
     def streams(self) -> tuple[Stream, ...]:

@@ -15,7 +15,7 @@ from cellwatt.channel import Stream
 from cellwatt.driver import Identity, Inlet
 from cellwatt.errors import ProtocolError
 from cellwatt_drivers.shared.states import State, StateWatch
-from cellwatt_drivers.ur.continuity import Grid, Policy, TimeBase
+from cellwatt_drivers.ur.continuity import Grid, TimeBase
 from cellwatt_drivers.ur.fields import ROBOT_MODES, RUNTIME_STATES, SAFETY_MODES
 from cellwatt_drivers.ur.wire import TextMessage
 
@@ -45,12 +45,12 @@ class Intake:
     package if there is no grid. A package that repeats the previous timestamp is dropped.
     """
 
-    def __init__(self, inlet: Inlet, stream: Stream, gaps: Policy) -> None:
+    def __init__(self, inlet: Inlet, stream: Stream) -> None:
         self._inlet = inlet
         self._stream = stream
         self._rate = stream.rate
         self._cycle = 0  # of the controller's loop, ns
-        self._grid = Grid(gaps)
+        self._grid = Grid()
         self._base = TimeBase()
         self._last: int | None = None  # controller time of the last package, ns
         self._losses = Losses(inlet.account)
@@ -69,7 +69,6 @@ class Intake:
         self._identity = identity
         self._cycle = round(1e9 / loop)
         self._rate = rate
-        self._grid.ask(1e9 / rate)
         self._losses.resumed = True
         self._last_arrival = clock.monotonic()
         self._quiet = False

@@ -206,7 +206,7 @@ class _File(BaseModel):
 
 
 def load_model(path: Path) -> Model:
-    """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` with file, line and column."""
+    """Read ``model.yaml`` (or the folder that holds it). Raises ``ConfigError`` with file and key."""
     file = path / "model.yaml" if path.is_dir() else path
     try:
         found = read_settings(file, _File, _known, refusal=ModelError, computed=True)

@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cellwatt.commands.completion import or_files
 from cellwatt.commands.options import INPUT, FiniteRange, with_columns, with_progress, with_scheduler
 from cellwatt.files import write_file
 from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
-from cellwatt_plugins.robot.description import packaged
 from cellwatt_plugins.robot_option import with_robot
 
 if TYPE_CHECKING:
@@ -34,11 +32,7 @@ METER = "Table of power (t, power) from a meter with its own clock, one per reco
 @click.command(short_help="Learn how healthy cycles look.")
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), help="Reference file to write.")
-@click.option(
-    "--robot",
-    shell_complete=lambda ctx, parameter, incomplete: or_files(packaged(), incomplete),
-    help="Name of the robot, or its description, its folder, or a packaged robot.",
-)
+@click.option("--robot", help="Name of the robot, or its description, its folder, or a packaged robot.")
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints, if several have joints.")
 @click.option("--power", default="supply.power", show_default=True, help="Channel of the power.")

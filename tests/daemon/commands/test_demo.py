@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cellwatt.commands import demo
+from cellwatt.demo.demonstration import Demonstration
 from cellwatt.live.bulletin import line_of
 from tests.daemon.commands.calling import Call, call
 from tests.daemon.live import cells
@@ -32,7 +32,7 @@ GOOD: dict[str, Any] = {
         }
     },
 }
-BAD = GOOD | {"ok": False, "problems": ["arm lost 3 samples"], "left_out": {"franka": "pylibfranka is not installed"}}
+BAD = GOOD | {"ok": False, "problems": ["arm lost 3 samples"]}
 
 
 @pytest.fixture
@@ -44,8 +44,7 @@ def folders(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         seen["folder"] = next(v for v in vars(demonstration).values() if isinstance(v, Path))
         return seen["summary"]
 
-    for name in ("small", "all"):
-        monkeypatch.setitem(demo.RUNS, name, run)
+    monkeypatch.setattr(Demonstration, "run", run)
     return seen
 
 
@@ -61,10 +60,9 @@ def test_a_good_run(call: Call, folders: dict[str, Any]) -> None:
 
 def test_a_run_that_lost_something(call: Call, folders: dict[str, Any]) -> None:
     folders["summary"] = BAD
-    ended = call("demo", "--cell", "all", "--seconds", "1")
+    ended = call("demo")
     assert ended.code == 1
     assert "arm lost 3 samples" in ended.out
-    assert "franka is skipped: pylibfranka is not installed" in ended.out
     assert "nothing was lost" not in ended.out
 
 
@@ -89,7 +87,7 @@ def test_what_happens_is_a_line_at_once_where_the_output_is_no_terminal(
         out.append(capsys.readouterr().out)
         return GOOD
 
-    monkeypatch.setitem(demo.RUNS, "small", run)
+    monkeypatch.setattr(Demonstration, "run", run)
     ended = call("demo")
     assert out[:2] == ["", "running for 30 s; in a browser: http://127.0.0.1:8080\n"]
     told = [line.split(" ", 1)[1] for line in out[2].splitlines()]

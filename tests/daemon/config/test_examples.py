@@ -8,6 +8,7 @@ import pytest
 
 from cellwatt.config import load
 from cellwatt.errors import ConfigError
+from cellwatt.registry import available
 from cellwatt.runtime.assemble import prepare
 
 pytestmark = pytest.mark.usefixtures("real_parts")
@@ -22,6 +23,11 @@ ENVIRONMENT = {"PLANT_ROUTER": "router.example", "ZENOH_PASSWORD": "hunter2hunte
 def test_example_is_right(name):
     prepared = prepare(load(EXAMPLES / f"{name}.yaml", ENVIRONMENT))
     assert prepared.layout.channels
+
+
+def test_the_cell_of_all_drivers_has_each_driver():
+    drivers = {source.driver for source in load(EXAMPLES / "all-drivers.yaml", {}).sources.values()}
+    assert drivers | {"franka"} == set(available("cellwatt.drivers"))
 
 
 def test_secrets_of_an_example_must_be_set():

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from cellwatt.demo import fault
-from cellwatt.demo.cells import SMALL
+from cellwatt.demo.cells import SOURCES
 from cellwatt.demo.seen import Seen
 from cellwatt.demo.summary import problems_of, sources_of, summary
 
@@ -17,8 +17,8 @@ def seen(rate: float = 50.0, **changed: object) -> Seen:
     stream = {"nominal_hz": 50.0, "rate_hz": rate, "jitter_p50_ms": 0.1, "jitter_p99_ms": 0.2, "samples": 1000}
     counts = {"expected": 1000, "received": 1000, "missed": {}, "dropped": {}, "residue": 0}
     source = {**counts, "streams": {"s": stream}, **changed}
-    told = Seen(status={"sources": dict.fromkeys(SMALL, source), "frames": {"count": 0}}, predictions=9)
-    for name in SMALL:
+    told = Seen(status={"sources": dict.fromkeys(SOURCES, source), "frames": {"count": 0}}, predictions=9)
+    for name in SOURCES:
         told.add({"kind": "raw", "topic": f"raw/{name}/s", "sequence": 0, "content": {"count": 1000}})
     told.add({"kind": "interval", "content": {"closed": True, "moving": [3], "start": 10e9, "end": 10.7e9}})
     return told
@@ -31,7 +31,7 @@ def test_polls_that_fell_due_while_this_pc_stood_still_are_no_fault_of_the_rate(
     rate: float, stalled: int, well: bool
 ) -> None:
     told = seen(rate, missed={"host stalled": stalled})
-    assert (problems_of(told, sources_of(told, {}), SMALL, 0) == []) is well
+    assert (problems_of(told, sources_of(told, {}), 0) == []) is well
 
 
 @pytest.mark.parametrize(("stalled", "late", "kept", "lost"), [(0, 2, 0.0, 2), (1, 7, 0.04, 3), (30, 8, 0.1, 0)])

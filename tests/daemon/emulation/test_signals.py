@@ -32,6 +32,18 @@ def test_parquet(tmp_path: Path) -> None:
     assert signals.at(np.array([0.5, 2.5]))["supply.power"] == pytest.approx([1.5, 1.5])
 
 
+def test_channels_of_a_cell_are_found_without_their_source(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,arm.joint_1.position,arm.robot.mode,board.supply.power\n0,1,7,5\n1,2,7,5\n")
+    found = load_signals(path).at(np.array([0.5]))
+    assert [found[name] for name in ("joint_1.position", "robot.mode", "supply.power")] == [[1.5], [7.0], [5.0]]
+    assert not caplog.messages
+    path.write_text("t,left.joint_1.position,right.joint_1.position,right.supply.power\n0,1,2,3\n1,1,2,3\n")
+    assert {"left.joint_1.position", "supply.power"} <= load_signals(path).columns.keys()
+    assert "joint_1.position" not in load_signals(path).columns
+    assert "several sources have joint_1.position: only a name with its source is served" in caplog.text
+
+
 def test_units_below_the_names_count_however_they_are_spelled(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("t;joint_1.position;supply.power\ns;degrees;kW\n0;180;1\n1;180;1\n")
     found = load_signals(tmp_path / "a.csv").at(np.array([0.5]))

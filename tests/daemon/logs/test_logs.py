@@ -1,6 +1,8 @@
 """Logs of other programs: the same motion from each, joints by name whatever their order."""
 
+import errno
 import json
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -189,6 +191,15 @@ def test_a_bag_whose_metadata_are_torn_is_refused_in_one_line(tmp_path):
         read_table(tmp_path)
     assert str(caught.value).startswith(f"{tmp_path}: cannot be read as a ROS 2 bag: ")
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_folder_that_cannot_be_listed_is_refused_in_one_line(tmp_path, monkeypatch):
+    def fail(_):
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(Path, "iterdir", fail)
+    with pytest.raises(RecordingError, match=r": cannot be read: Input/output error$"):
+        read_table(tmp_path)
 
 
 @pytest.mark.parametrize("form", ["sqlite3", "mcap folder"])

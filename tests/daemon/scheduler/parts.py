@@ -32,11 +32,6 @@ def known(column: str) -> bool:
     return understood(column) is not None
 
 
-def known_or_fails(column: str) -> None:
-    understood(column)
-    raise ValueError(column)
-
-
 def where(number: int) -> int:
     time.sleep(0.05)
     return os.getpid()

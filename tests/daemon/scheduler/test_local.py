@@ -38,12 +38,8 @@ class TestOnWorkers:
         assert spread(parts.spectrum, range(30), "spectra") == expected
 
     def test_a_users_names_of_columns_are_known_there(self) -> None:
-        with called([("tau", "Moment{}"), ("q", "Winkel{}")]) as unused:
+        with called([("tau", "Moment{}")]):
             assert spread(parts.known, ["Moment1", "Moment2", "Other1"], "names") == [True, True, False]
-            assert unused() == ["Winkel{}"]
-            with pytest.raises(ValueError, match="Winkel2"):
-                spread(parts.known_or_fails, ["Winkel2", "Winkel1"], "names")
-            assert unused() == []
         assert spread(parts.known, ["Moment1", "Moment2"], "names") == [False, False]
 
     def test_what_is_shared_comes_once_to_each(self) -> None:

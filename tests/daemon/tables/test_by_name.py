@@ -33,9 +33,6 @@ def read(folder: Path, text: str, joints: tuple[str, ...] = ROBOT) -> Table:
         "time,qpos_elbow,qpos_shoulder,qfrc_actuator_elbow,qfrc_actuator_shoulder\n0,2,1,6,5\n1,4,3,8,7\n",
         "%time,field.name0,field.name1,field.position0,field.position1,field.effort0,field.effort1\n"
         "0,elbow_joint,shoulder_joint,2,1,6,5\n1000000000,elbow_joint,shoulder_joint,4,3,8,7\n",
-        "time,joint,position,effort\n0,elbow_joint,2,6\n0,shoulder_joint,1,5\n1,elbow_joint,4,8\n1,shoulder_joint,3,7\n",
-        "sec,nanosec,joint,position,effort\ns,,,mrad,Nm\n0,1,elbow_joint,2000,6\n0,1,shoulder_joint,1000,5\n"
-        "0,2,elbow_joint,4000,8\n0,2,shoulder_joint,3000,7\n",
         "time,name,position,effort\n"
         "0,\"['elbow_joint', 'shoulder_joint']\",\"[2, 1]\",\"array('d', [6.0, 5.0])\"\n"
         "1,\"['elbow_joint', 'shoulder_joint']\",\"[4, 3]\",\"array('d', [8.0, 7.0])\"\n",
@@ -52,16 +49,10 @@ def test_joints_by_name(tmp_path: Path, text: str) -> None:
     assert len(table.rising_time()) == 2
 
 
-def test_joints_with_equal_values_stay_apart(tmp_path: Path) -> None:
-    text = "t,joint,position,torque\n0,elbow,2,0\n0,shoulder,2,0\n1,elbow,2,0\n1,shoulder,2,0\n"
-    table = read(tmp_path, text)
-    assert table.needed("position", 2).tolist() == [[2, 2], [2, 2]]
-    assert table.needed("torque", 2).tolist() == [[0, 0], [0, 0]]
-
-
 def test_a_column_of_many_names_names_no_joints(tmp_path: Path) -> None:
     rows = "".join(f"{i},part {i},{i},{i}\n" for i in range(1000))
-    assert read(tmp_path, f"t,name,q_1,q_2\n{rows}").texts == {}
+    table = read(tmp_path, f"t,name1,q_1,q_2\n{rows}")
+    assert (table.named, table.joint_names("position")) == ((), ("q_1", "q_2"))
 
 
 def test_joint_states_are_preferred_to_other_topics(tmp_path: Path) -> None:

@@ -81,6 +81,15 @@ def test_units_of_time_power_and_payload() -> None:
         assert found.whole("tool.payload") == pytest.approx([0.5] * 2)
 
 
+def test_megawatts_are_no_milliwatts() -> None:
+    for unit in ("mW", "milliwatt", "MILLIWATTS"):
+        assert table(**{f"power [{unit}]": [2.0]}).whole("supply.power") == pytest.approx([2e-3]), unit
+    for unit in ("MW", "MWatt"):
+        with pytest.raises(RecordingError, match=f"unknown unit '{unit}' .expected W, mW, kW"):
+            table(**{f"power [{unit}]": [2.0]}).whole("supply.power")
+    assert table(power_MW=[2.0]).whole("supply.power") is None
+
+
 def test_a_unit_beside_the_name_counts_where_the_name_has_none(tmp_path: Path) -> None:
     types = {"t": pa.float64(), "q_1": pa.float64(), "note": pa.string()}
     units = {"t": "s", "q_1": "deg", "note": "mm"}

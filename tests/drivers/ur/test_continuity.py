@@ -12,12 +12,6 @@ from cellwatt_drivers.ur.continuity import WINDOW, Grid, TimeBase
 MS = 1_000_000
 
 
-def asked(policy: str, period: int) -> Grid:
-    grid = Grid(policy)
-    grid.ask(period)
-    return grid
-
-
 def count(grid: Grid, steps: np.ndarray, chunk: int = 7) -> int:
     return sum(grid.missing(steps[i : i + chunk]) for i in range(0, len(steps), chunk))
 
@@ -28,28 +22,26 @@ def test_every_loss_on_a_grid_is_counted(period, loss, chunk):
     kept = np.flatnonzero(chance.random(2000) >= loss)
     stamps = np.rint((1234.567 + kept * (period / 1e9)) * 1e9).astype(np.int64)
     missing = kept[-1] - kept[0] + 1 - len(kept)
-    for policy in ("auto", "requested"):
-        assert count(asked(policy, period), np.diff(stamps), chunk) == missing
+    assert count(Grid(), np.diff(stamps), chunk) == missing
 
 
 def test_a_source_slower_than_asked_for_loses_nothing():
-    grid = asked("auto", 2 * MS)
+    grid = Grid()
     assert count(grid, np.full(500, 8 * MS)) == 0
     assert grid.step == 8 * MS
     assert count(grid, np.array([24 * MS])) == 2
-    assert count(asked("requested", 2 * MS), np.full(500, 8 * MS)) == 1500
 
 
 def test_uneven_times_are_no_losses():
     chance = np.random.default_rng(2)
     steps = chance.choice([9, 10, 11, 12, 13, 34], size=2000, p=[0.1, 0.4, 0.2, 0.2, 0.09, 0.01]) * MS
-    grid = asked("auto", 10 * MS)
+    grid = Grid()
     assert count(grid, steps) == 0
     assert grid.step is None
 
 
 def test_a_grid_that_is_no_longer_kept_is_given_up():
-    grid = asked("auto", 10 * MS)
+    grid = Grid()
     assert count(grid, np.full(WINDOW, 10 * MS)) == 0
     assert grid.step == 10 * MS
     chance = np.random.default_rng(3)
@@ -57,9 +49,9 @@ def test_a_grid_that_is_no_longer_kept_is_given_up():
     assert grid.step is None
 
 
-@given(st.lists(st.integers(1, 10**13), max_size=300), st.sampled_from(["auto", "requested", "off"]))
-def test_missing_is_never_negative(steps, policy):
-    assert count(asked(policy, 2 * MS), np.array(steps, dtype=np.int64)) >= 0
+@given(st.lists(st.integers(1, 10**13), max_size=300))
+def test_missing_is_never_negative(steps):
+    assert count(Grid(), np.array(steps, dtype=np.int64)) >= 0
 
 
 NOW = 1_790_000_000_000_000_000

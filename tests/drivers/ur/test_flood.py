@@ -36,7 +36,7 @@ def conversation() -> tuple[Tapped, CollectingInlet]:
     inlet = CollectingInlet()
     session = Tapped(Mock(), "192.0.2.10:30004", inlet.now, inlet.account, lambda: 0.0)
     session.decoder = Decoder(SELECTION, 1, TYPES)
-    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 500.0, "device"), "auto")
+    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 500.0, "device"))
     intake.opened(Identity("Universal Robots", "e-Series"), 500.0, 500.0)
     session.take, session.say = intake.take, intake.message
     return session, inlet

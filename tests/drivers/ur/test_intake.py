@@ -19,10 +19,10 @@ CHANNELS = Selection.of(["joint_1.position", "robot_mode", "safety_mode", "runti
 class Cell(CollectingInlet):
     """An inlet whose time the test sets, and an intake on it."""
 
-    def __init__(self, gaps: str = "auto") -> None:
+    def __init__(self) -> None:
         super().__init__()
         self.time = START
-        self.intake = Intake(self, Stream("rtde", CHANNELS, RATE, "device"), gaps)
+        self.intake = Intake(self, Stream("rtde", CHANNELS, RATE, "device"))
         self.open()
 
     def now(self) -> int:

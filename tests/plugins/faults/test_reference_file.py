@@ -53,5 +53,5 @@ def test_a_wrong_file_is_refused_with_the_place(reference, tmp_path, change, tex
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(ModelError, match=text) as caught:
         load(path)
-    assert str(path) in str(caught.value)
+    assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)

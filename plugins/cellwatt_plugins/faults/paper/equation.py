@@ -88,7 +88,7 @@ def save(equation: PowerEquation, path: Path) -> None:
 
 
 def load(path: Path) -> PowerEquation:
-    """Read the YAML file. Raises ``ModelError`` with file, line, column and the expected content."""
+    """Read the YAML file. Raises ``ModelError`` with file, key and the expected content."""
     return read_settings(path, PowerEquation, _check, refusal=ModelError, computed=True)
 
 
