@@ -140,13 +140,20 @@ class _Fit:
         drives = np.sqrt(sum(np.mean(_courses(*each) ** 2, axis=0) for each in zip(speed.T, gain.T, strict=True)))
         self._drive = Prior.spread(3 * self.size.max() / np.maximum(drives, 1e-9))
         self._prior = Prior.joined(*(block.prior for block in fixed), self._drive, self._drive)
+        self._motors = dict[tuple[float, float], Block]()
 
     def errors(self, turns: Turns) -> Float:
         """Squared error (K, 2) of each fold, in units of the residual's variance, in the fit without that fold."""
-        pairs = [np.array(turn) for turn in turns]
-        drives = [_courses(*(course @ turn for course in self._motion)) for turn in pairs]
-        loads = [Block(d[:, None] * turn[:, None], None, self._drive) for d, turn in zip(drives, pairs, strict=True)]
-        return self._folds.fits(loads, self._prior, np.full(2, ALIKE))[1]
+        motors = [self._motor(each) for each in turns]
+        return self._folds.fits(motors, self._prior, np.full(2, ALIKE))[1]
+
+    def _motor(self, turns: tuple[float, float]) -> Block:
+        """Torque of a motor per unit; most structures that are compared share one of their motors."""
+        if turns not in self._motors:
+            load = np.array(turns)
+            courses = _courses(*(course @ load for course in self._motion))
+            self._motors[turns] = Block(courses[:, None] * load[:, None], None, self._drive)
+        return self._motors[turns]
 
 
 def _courses(speed: Float, gain: Float) -> Float:
