@@ -48,7 +48,8 @@ class Thinned:
 
     def samples(self, rows: Float) -> Float:
         """Rows (M, C) as samples (N, C), interpolated between them."""
-        return interpolated(np.arange(self.count), self.every * np.arange(len(rows)), rows)
+        samples = np.arange(self.count, dtype=np.float64)
+        return interpolated(samples, samples[:: self.every], rows)
 
     def span(self, rows: slice) -> slice:
         """The samples covered by a slice of rows."""
