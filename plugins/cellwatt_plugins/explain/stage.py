@@ -165,10 +165,10 @@ class MismatchStage(Stage[MismatchSettings]):
             if len(time) < max(8, COVERED * (interval.end - start) / self.layout.step):
                 self.counts["intervals not covered"] += 1
                 continue
-            motion = self._motions.number(interval)
-            readings = self._band.read(motion, interval.moving, rows[:, self._judged], rows[:, self._width :])
-            out += map(self._with_counts, self._watch.take(motion, interval, readings))
-            self.counts["intervals judged" if readings else "intervals learned"] += 1
+            readings = self._band.read(interval.moving, rows[:, self._judged], rows[:, self._width :])
+            alarms = self._watch.take(self._motions.number(interval), interval, readings)
+            out += map(self._with_counts, alarms)
+            self.counts["intervals judged"] += bool(readings)
         return out
 
     def _with_counts(self, alarm: Alarm) -> Alarm:

@@ -55,16 +55,13 @@ class _Channel:
     places: NDArray[np.intp]
     """Positions of the columns' coefficients among all coefficients of the design."""
     columns: Float
-    gram: Float
-    pull: Float
-    """Products of the columns with the target."""
+    products: Products
 
 
 @dataclass(frozen=True)
 class _Product:
     """A block's columns at one channel, and their products, each row divided by its standard deviation."""
 
-    channel: int
     columns: Float
     """The columns as the block holds them, not divided by the standard deviation."""
     cross: Float
@@ -83,8 +80,20 @@ class Design:
         self.slices = places(self.blocks, 0)
         self.size = self.slices[-1].stop if self.slices else 0
         self.channels = self._by_channel()
-        self._products = WeakKeyDictionary[Block, list[_Product]]()
+        self._nothing_known()
+
+    def _nothing_known(self) -> None:
+        self._products = WeakKeyDictionary[Block, dict[int, _Product]]()
         self._pairs = WeakKeyDictionary[Block, WeakKeyDictionary[Block, dict[int, Float]]]()
+
+    def of_rows(self, rows: NDArray[np.intp]) -> Design:
+        """Return the design of some ``rows`` alone; further blocks must have these rows alone, too."""
+        new = copy(self)
+        new.target, new.root = self.target[rows], self.root[rows]
+        columns = [(channel.places, channel.columns[rows]) for channel in self.channels]
+        new.channels = [new._channel(c, *each) for c, each in enumerate(columns)]
+        new._nothing_known()
+        return new
 
     def with_priors(self, priors: Sequence[Prior]) -> Design:
         """Return the same design with other ``priors`` of its blocks; the products are shared."""
@@ -104,14 +113,16 @@ class Design:
                     there = np.flatnonzero(np.any(columns != 0, axis=0))
                     used.append(place.start + there)
                     parts.append(columns[:, there] * root)
-            columns = np.concatenate(parts, axis=1)
-            pull = columns.T @ (self.target[:, c] * root[:, 0])
-            out.append(_Channel(np.concatenate(used), columns, columns.T @ columns, pull))
+            out.append(self._channel(c, np.concatenate(used), np.concatenate(parts, axis=1)))
         return out
 
-    def products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
+    def _channel(self, c: int, positions: NDArray[np.intp], columns: Float) -> _Channel:
+        target = self.target[:, c] * self.root[:, c]
+        return _Channel(positions, columns, Products(columns.T @ columns, columns.T @ target, float(target @ target)))
+
+    def products(self, blocks: Sequence[Block]) -> list[dict[int, _Product]]:
         """Return each block's products with every channel that it acts on; blocks of a channel share the work."""
-        out: list[list[_Product]] = [[] for _ in blocks]
+        out: list[dict[int, _Product]] = [{} for _ in blocks]
         for c, channel in enumerate(self.channels):
             acting = [(i, part) for i, block in enumerate(blocks) if (part := block.of(c)) is not None]
             if not acting:
@@ -122,11 +133,11 @@ class Design:
             for i, part in acting:
                 span = slice(start, start + part.shape[1])
                 columns = together[:, span]
-                out[i].append(_Product(c, part, cross[:, span], columns.T @ columns, pull[span]))
+                out[i][c] = _Product(part, cross[:, span], columns.T @ columns, pull[span])
                 start = span.stop
         return out
 
-    def kept_products(self, blocks: Sequence[Block]) -> list[list[_Product]]:
+    def kept_products(self, blocks: Sequence[Block]) -> list[dict[int, _Product]]:
         """Return ``products``, cached as long as the blocks exist: a search tries the same blocks many times."""
         new = [block for block in blocks if block not in self._products]
         self._products.update(zip(new, self.products(new), strict=True))
@@ -142,6 +153,44 @@ class Design:
                 c: (a.T * weight[:, c]) @ b for c, (a, b) in parts.items() if a is not None and b is not None
             }
         return known[other]
+
+    def equations(self, blocks: Sequence[Block]) -> list[tuple[NDArray[np.intp], Products]]:
+        """Return the normal equations at each channel, of the design and further ``blocks``.
+
+        With the positions of their coefficients: the design's come first, then those of the blocks.
+        """
+        everywhere, known, out = places(blocks, self.size), self.kept_products(blocks), []
+        for c, fixed in enumerate(self.channels):
+            acting = [(b, s, own[c]) for b, s, own in zip(blocks, everywhere, known, strict=True) if c in own]
+            at = np.concatenate([fixed.places, *(np.arange(s.start, s.stop) for _, s, _ in acting)])
+            gram, pull = np.zeros((len(at), len(at))), np.zeros(len(at))
+            first, products = slice(0, len(fixed.places)), fixed.products
+            gram[first, first], pull[first] = products.gram, products.pull
+            before: list[tuple[Block, slice]] = []
+            for (block, _, own), here in zip(acting, places([b for b, _, _ in acting], first.stop), strict=True):
+                gram[here, here], pull[here] = own.gram, own.pull
+                for there, cross in [(first, own.cross), *((s, self.pair(b, block)[c]) for b, s in before)]:
+                    gram[there, here], gram[here, there] = cross, cross.T
+                before.append((block, here))
+            out.append((at, Products(gram, pull, products.square)))
+        return out
+
+    def fitted(self, blocks: Sequence[Block], coefficients: Float) -> Float:
+        """Return the values (N, C) that ``coefficients`` give, the design's and those of further ``blocks``."""
+        out = np.column_stack([c.columns @ coefficients[c.places] for c in self.channels]) / self.root
+        for block, place in zip(blocks, places(blocks, self.size), strict=True):
+            own = slice(None) if block.channel is None else block.channel
+            out[:, own] += block.columns @ coefficients[place]
+        return out
+
+
+def together(equations: Sequence[tuple[NDArray[np.intp], Products]], factor: Float, size: int) -> Products:
+    """Return the normal equations of all channels, whose residuals have the correlation ``factor`` (C,)."""
+    gram, pull = np.zeros((size, size)), np.zeros(size)
+    for (at, own), f in zip(equations, factor, strict=True):
+        gram[np.ix_(at, at)] += own.gram / f
+        pull[at] += own.pull / f
+    return Products(gram, pull)
 
 
 def places(blocks: Sequence[Block], start: int) -> list[slice]:
@@ -164,32 +213,9 @@ class Regression:
         self.slices = places(self.blocks, design.size)
         self.size = self.slices[-1].stop if self.slices else design.size
         prior = Prior.joined(*(block.prior for block in (*design.blocks, *self.blocks)))
-        self._fit = Fit(self._products(), prior)
+        self._fit = Fit(together(design.equations(self.blocks), factor, self.size), prior)
         self.coefficients = self._fit.coefficients
-        self.fitted = np.column_stack([c.columns @ self.coefficients[c.places] for c in design.channels]) / design.root
-        for block, place in zip(self.blocks, self.slices, strict=True):
-            own = slice(None) if block.channel is None else block.channel
-            self.fitted[:, own] += block.columns @ self.coefficients[place]
-        self.residual = design.target - self.fitted
-
-    def _products(self) -> Products:
-        """The normal equations of the design's blocks and the others."""
-        design, factor = self.design, self.factor
-        information, right = np.zeros((self.size, self.size)), np.zeros(self.size)
-        for fixed, f in zip(design.channels, factor, strict=True):
-            information[np.ix_(fixed.places, fixed.places)] += fixed.gram / f
-            right[fixed.places] += fixed.pull / f
-        for i, (place, acting) in enumerate(zip(self.slices, design.kept_products(self.blocks), strict=True)):
-            for own in acting:
-                there, f = design.channels[own.channel].places, factor[own.channel]
-                information[there, place] += own.cross / f
-                information[place, place] += own.gram / f
-                right[place] += own.pull / f
-            for before, other in zip(self.slices[:i], self.blocks[:i], strict=True):
-                for c, cross in design.pair(other, self.blocks[i]).items():
-                    information[before, place] += cross / factor[c]
-        upper = np.triu(information)
-        return Products(upper + np.triu(information, 1).T, right)
+        self.residual = design.target - design.fitted(self.blocks, self.coefficients)
 
     @property
     def covariance(self) -> Float:
@@ -224,19 +250,18 @@ class Regression:
         mixed = np.zeros((self.size, sum(b.size for b in blocks)))
         spans = places(blocks, 0)
         for span, acting in zip(spans, products, strict=True):
-            for own in acting:
-                c = own.channel
+            for c, own in acting.items():
                 mixed[self.design.channels[c].places, span] += own.cross / self.factor[c]
                 there, rows = self._weighed[c]
                 if len(there):
                     mixed[there, span] += rows @ own.columns / self.factor[c]
-        target = np.concatenate([sum(own.pull / self.factor[own.channel] for own in acting) for acting in products])
+        target = np.concatenate([sum(own.pull / self.factor[c] for c, own in acting.items()) for acting in products])
         pull = target - mixed.T @ self.coefficients
         every = self._fit.solved(mixed)
         out: list[tuple[float, Float] | None] = [None] * len(blocks)
         for size in {b.size for b in blocks}:
             same = [i for i, b in enumerate(blocks) if b.size == size]
-            own_gram = np.stack([sum(p.gram / self.factor[p.channel] for p in products[i]) for i in same])
+            own_gram = np.stack([sum(own.gram / self.factor[c] for c, own in products[i].items()) for i in same])
             columns = np.concatenate([np.arange(spans[i].start, spans[i].stop) for i in same])
             left, right = (part[:, columns].reshape(-1, len(same), size).transpose(1, 0, 2) for part in (mixed, every))
             information = own_gram - left.transpose(0, 2, 1) @ right

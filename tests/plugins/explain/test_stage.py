@@ -19,7 +19,7 @@ from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.input.baseline import Baseline
 from cellwatt_plugins.explain.input.moved import moved
 from cellwatt_plugins.explain.input.run import Run
-from cellwatt_plugins.explain.live.settings import BandSettings, MismatchSettings
+from cellwatt_plugins.explain.live.settings import MismatchSettings
 from cellwatt_plugins.explain.live.simulation import Simulation
 from cellwatt_plugins.explain.model import FittedTerm, Model, Retuned, predict_states, save_model
 from cellwatt_plugins.explain.stage import MismatchStage
@@ -119,20 +119,6 @@ def test_frames_without_motion_or_torque_are_left_out_and_counted(robot, stiff):
     nothing = np.concatenate([s + np.flatnonzero(np.isnan(v)) for s, v in said.items()])
     assert nothing.tolist() == [300, 301]
     assert not set(range(485, 615)) & set(given.tolist()), "no acceleration is known beside a hole"
-
-
-def test_what_is_learned_is_normal_and_more_is_told(robot):
-    always = frames(recorded(44, viscous=30.0))
-    learning = {"band": BandSettings(learn=2)}
-    assert alarms(run(made(robot), always)), "outside without learning"
-    stage = made(robot, **learning)
-    assert alarms(run(stage, always)) == []
-    assert stage.counts["intervals learned"] > 8
-    more = recorded(60, viscous=30.0, since=30.0)
-    more = replace(more, torque=more.torque + recorded(60, viscous=30.0).torque - recorded(60).torque)
-    found = [a for a in alarms(run(made(robot, **learning), frames(more))) if a.joint]
-    assert {a.joint for a in found} == {2}
-    assert seconds(found[0].since) > 29.0
 
 
 def test_effects_that_need_the_whole_past_are_left_out_and_told_once(robot, tmp_path, healthy):

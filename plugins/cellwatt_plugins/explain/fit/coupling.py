@@ -14,12 +14,13 @@ from itertools import combinations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.explain.fit.leave_out import compared
+from cellwatt_plugins.explain.fit.leave_out import Folds, compared
+from cellwatt_plugins.robot.blocks import Block, Design
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.effects.states import States
 from cellwatt_plugins.robot.motion import direction
 from cellwatt_plugins.robot.priors import links_prior
-from cellwatt_plugins.robot.regression import Fit, Prior, Products
+from cellwatt_plugins.robot.regression import Prior
 
 ROWS = 3000
 """Approximate number of samples that are compared."""
@@ -132,38 +133,27 @@ class _Fit:
         self.rows = len(residual)
         self.size = np.maximum(np.std(residual, axis=0), 1e-9)
         self._motion = speed, gain
-        self._links = (regressor / self.size[:, None]).swapaxes(0, 1)
-        self._torques = (residual / self.size).T
-        self._folds = [slice(k * self.rows // FOLDS, (k + 1) * self.rows // FOLDS) for k in range(FOLDS)]
-        self._grams = [[own[rows].T @ own[rows] for rows in self._folds] for own in self._links]
+        offsets = [Block(np.ones((self.rows, 1)), c, Prior.spread(3 * self.size[c : c + 1])) for c in (0, 1)]
+        fixed = [Block(regressor, None, links), *offsets]
+        design = Design(residual, np.broadcast_to(np.square(self.size), residual.shape), fixed)
+        self._folds = Folds(design, np.arange(self.rows) * FOLDS // self.rows)
         drives = np.sqrt(sum(np.mean(_courses(*each) ** 2, axis=0) for each in zip(speed.T, gain.T, strict=True)))
-        wide = self.size.max() / np.maximum(drives, 1e-9)
-        self._prior = Prior.joined(links, Prior.spread(np.concatenate([wide, wide, self.size]) * 3))
+        self._drive = Prior.spread(3 * self.size.max() / np.maximum(drives, 1e-9))
+        self._prior = Prior.joined(*(block.prior for block in fixed), self._drive, self._drive)
+        self._motors = dict[tuple[float, float], Block]()
 
     def errors(self, turns: Turns) -> Float:
         """Squared error (K, 2) of each fold, in units of the residual's variance, in the fit without that fold."""
-        drives = [_courses(*(course @ np.array(turn) for course in self._motion)) for turn in turns]
-        held = [self._products([turn[c] * drive for turn, drive in zip(turns, drives, strict=True)], c) for c in (0, 1)]
-        whole = sum((each for own in held for each in own), start=Products(*np.zeros(2)))
-        out = np.empty((FOLDS, 2))
-        for k, (first, second) in enumerate(zip(*held, strict=True)):
-            kept = whole - first - second
-            x = Fit(Products(kept.gram / ALIKE, kept.pull / ALIKE), self._prior).coefficients
-            out[k] = first.misfit(x), second.misfit(x)
-        return np.maximum(out, 0.0)
+        motors = [self._motor(each) for each in turns]
+        return self._folds.fits(motors, self._prior, np.full(2, ALIKE))[1]
 
-    def _products(self, drives: Sequence[Float], channel: int) -> list[Products]:
-        """Equations of each fold at a channel: of the links, of both motors' ``drives``, and of both offsets."""
-        offsets = np.eye(2)[np.full(self.rows, channel)]
-        columns = np.concatenate([*drives, offsets], axis=1) / self.size[channel]
-        links, torque = self._links[channel], self._torques[channel]
-        out = []
-        for rows, gram in zip(self._folds, self._grams[channel], strict=True):
-            own = Products.of(columns[rows], torque[rows])
-            cross = links[rows].T @ columns[rows]
-            pull = np.concatenate([links[rows].T @ torque[rows], own.pull])
-            out.append(Products(np.block([[gram, cross], [cross.T, own.gram]]), pull, own.square))
-        return out
+    def _motor(self, turns: tuple[float, float]) -> Block:
+        """Torque of a motor per unit; most structures that are compared share one of their motors."""
+        if turns not in self._motors:
+            load = np.array(turns)
+            courses = _courses(*(course @ load for course in self._motion))
+            self._motors[turns] = Block(courses[:, None] * load[:, None], None, self._drive)
+        return self._motors[turns]
 
 
 def _courses(speed: Float, gain: Float) -> Float:

@@ -6,18 +6,17 @@ The products of the rows are stored per fold, so that a set of terms is judged w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from cellwatt.arrays import Bool, Float
 from cellwatt_plugins.explain.fit.problem import Problem, Term
-from cellwatt_plugins.robot.blocks import Block, Design, places
-from cellwatt_plugins.robot.regression import Prior
+from cellwatt_plugins.robot.blocks import Block, Design, together
+from cellwatt_plugins.robot.regression import Fit, Prior, Products
 
 FOLDS, FEWEST = 10, 5
 """Largest number of folds, and smallest number of folds for motions that repeat."""
@@ -78,14 +77,14 @@ class LeaveOut:
 
     def __init__(self, problem: Problem, factor: Float) -> None:
         self.problem, self.factor = problem, factor
-        if "products" not in problem.of_design:
-            problem.of_design["products"] = _Products(problem.design, *folds_of(problem))
-        self.products: _Products = problem.of_design["products"]
+        if "folds" not in problem.of_design:
+            problem.of_design["folds"] = Folds(problem.design, folds_of(problem))
+        self.folds: Folds = problem.of_design["folds"]
 
     @property
     def fold(self) -> NDArray[np.intp]:
         """Number of the fold of each row, (N,)."""
-        return self.products.fold
+        return self.folds.fold
 
     def errors(self, terms: Sequence[Term]) -> Float:
         """Squared error (K, C) of each fold, in units of its variance, in the fit without that fold."""
@@ -95,116 +94,63 @@ class LeaveOut:
         """Coefficients (K, P) of the fits without one fold each: the design's, then those of the terms."""
         return self._fitted([self.problem.block(term) for term in terms])[0]
 
-    def residual(self, terms: Sequence[Term], channels: Sequence[int] | None = None) -> Float:
-        """Residual (N, C) of each row in the fit without its fold, of all channels or of those given."""
-        design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
-        found = self._fitted(blocks)[0]
-        chosen = range(design.target.shape[1]) if channels is None else channels
-        out = np.empty((len(design.target), len(chosen)))
-        slices = places(blocks, design.size)
-        for i, c in enumerate(chosen):
-            fixed = design.channels[c]
-            parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
-            for rows, own in zip(self.products.rows, found, strict=True):
-                fitted = fixed.columns[rows] @ own[fixed.places] / design.root[rows, c]
-                fitted += sum(columns[rows] @ own[place] for columns, place in parts if columns is not None)
-                out[rows, i] = design.target[rows, c] - fitted
+    def residual(self, terms: Sequence[Term]) -> Float:
+        """Residual (N, C) of each row in the fit without its fold."""
+        blocks, folds = [self.problem.block(term) for term in terms], self.folds
+        out = np.empty_like(self.problem.design.target)
+        parts = zip(folds.rows, folds.designs, folds.blocks(blocks), self._fitted(blocks)[0], strict=True)
+        for rows, design, own, coefficients in parts:
+            out[rows] = design.target - design.fitted(own, coefficients)
         return out
 
     def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
         """Coefficients (K, P) of the fits without one fold each, and their squared errors (K, C) there; cached."""
-        key, cache = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.products.fitted
+        key, cache = (self.problem.nuisance, tuple(blocks), self.factor.tobytes()), self.folds.fitted
         if key not in cache:
             if len(cache) > CACHED:
                 cache.clear()
-            cache[key] = self._fit(blocks)
+            prior = Prior.joined(*(block.prior for block in (*self.problem.design.blocks, *blocks)))
+            cache[key] = self.folds.fits(blocks, prior, self.factor)
         return cache[key]
 
-    def _fit(self, blocks: Sequence[Block]) -> tuple[Float, Float]:
-        design, products = self.problem.design, self.products
-        slices = places(blocks, design.size)
-        size = slices[-1].stop if slices else design.size
-        count, channels = len(products.rows), len(design.channels)
-        information, right = np.zeros((count, size, size)), np.zeros((count, size))
-        equations = []
-        for c in range(channels):
-            indices, gram, pull = products.channel(c, blocks, slices)
-            information[:, indices[:, None], indices] += gram / self.factor[c]
-            right[:, indices] += pull / self.factor[c]
-            equations.append((indices, gram, pull))
-        prior = Prior.joined(*(block.prior for block in (*design.blocks, *blocks)))
-        whole, pulled = information.sum(axis=0) + prior.precision, right.sum(axis=0) + prior.precision @ prior.mean
-        found = np.stack([_solved(whole - information[k], pulled - right[k]) for k in range(count)])
-        errors = np.empty((count, channels))
-        for c, (indices, gram, pull) in enumerate(equations):
-            own = found[:, indices]
-            crossed = np.einsum("ki,kij,kj->k", own, gram, own)
-            errors[:, c] = products.square[c] - 2 * np.sum(own * pull, axis=1) + crossed
-        return found, np.maximum(errors, 0.0)
 
+class Folds:
+    """One design per fold of the rows of a ``design``, whose folds have the numbers ``fold`` (N,)."""
 
-def _solved(information: Float, right: Float) -> Float:
-    scale = 1 / np.sqrt(np.diag(information))
-    factor = cho_factor(information * np.outer(scale, scale), lower=True, check_finite=False)
-    return np.asarray(scale * cho_solve(factor, scale * right, check_finite=False))
-
-
-class _Products:
-    """Products of a design's rows in each of K folds; each pair of blocks is multiplied once, as long as both exist."""
-
-    def __init__(self, design: Design, fold: NDArray[np.intp], count: int) -> None:
-        self.design, self.fold = design, fold
-        self.rows = [np.flatnonzero(fold == k) for k in range(count)]
-        self._target = design.target * design.root
-        self.square = [np.array([np.sum(column[rows] ** 2) for rows in self.rows]) for column in self._target.T]
-        self._fixed = [Block(channel.columns, c, Prior.joined()) for c, channel in enumerate(design.channels)]
-        """All columns of the design at each channel, weighted."""
+    def __init__(self, design: Design, fold: NDArray[np.intp]) -> None:
+        self.fold = fold
+        self.rows = [np.flatnonzero(fold == k) for k in range(int(fold.max()) + 1)]
+        self.designs = [design.of_rows(rows) for rows in self.rows]
         self.fitted: dict[tuple[object, ...], tuple[Float, Float]] = {}
-        self._pulls = WeakKeyDictionary[Block, dict[int, Float]]()
-        self._pairs = WeakKeyDictionary[Block, WeakKeyDictionary[Block, dict[int, Float]]]()
+        self._parts = WeakKeyDictionary[Block, list[Block]]()
+        self._equations: tuple[tuple[Block, ...] | None, list[list[tuple[NDArray[np.intp], Products]]]] = None, []
 
-    def channel(
-        self, c: int, blocks: Sequence[Block], slices: Sequence[slice]
-    ) -> tuple[NDArray[np.intp], Float, Float]:
-        """Coefficient indices (p,), gram (K, p, p) and right side (K, p) of a channel with further blocks."""
-        acting = [self._fixed[c], *(b for b in blocks if b.channel in (None, c))]
-        among = [np.arange(s.start, s.stop) for b, s in zip(blocks, slices, strict=True) if b.channel in (None, c)]
-        indices = np.concatenate([self.design.channels[c].places, *among])
-        gram = np.zeros((len(self.rows), len(indices), len(indices)))
-        pull = np.zeros((len(self.rows), len(indices)))
-        before: list[tuple[Block, slice]] = []
-        for block, at in zip(acting, places(acting, 0), strict=True):
-            before.append((block, at))
-            pull[:, at] = self._pull(block, c)
-            for other, beside in before:
-                cross = self._pair(other, block, c)
-                gram[:, at, beside], gram[:, beside, at] = cross.transpose(0, 2, 1), cross
-        return indices, gram, pull
+    def blocks(self, blocks: Sequence[Block]) -> list[list[Block]]:
+        """The rows of further blocks in each of the K folds, stored as long as the blocks exist."""
+        for block in blocks:
+            if block not in self._parts:
+                self._parts[block] = [replace(block, columns=block.columns[rows]) for rows in self.rows]
+        return [[self._parts[block][k] for block in blocks] for k in range(len(self.rows))]
 
-    def _pull(self, block: Block, c: int) -> Float:
-        """Products (K, m) of a block at a channel with the target."""
-        known = self._pulls.setdefault(block, {})
-        if c not in known:
-            columns = self._weighed(block, c)
-            known[c] = np.stack([columns[rows].T @ self._target[rows, c] for rows in self.rows])
-        return known[c]
+    def fits(self, blocks: Sequence[Block], prior: Prior, factor: Float) -> tuple[Float, Float]:
+        """Coefficients (K, P) of the fits without one fold each, and their squared errors (K, C) there.
 
-    def _pair(self, one: Block, other: Block, c: int) -> Float:
-        """Products (K, m, k) of two blocks at a channel."""
-        known = self._pairs.setdefault(one, WeakKeyDictionary()).setdefault(other, {})
-        if c not in known:
-            a, b = self._weighed(one, c), self._weighed(other, c)
-            known[c] = np.stack([a[rows].T @ b[rows] for rows in self.rows])
-        return known[c]
-
-    def _weighed(self, block: Block, c: int) -> Float:
-        columns = block.of(c)
-        assert columns is not None
-        return columns if block is self._fixed[c] else columns * self.design.root[:, c : c + 1]
+        ``prior`` is that of all coefficients, the design's and those of further blocks.
+        """
+        # Of the same blocks, other priors are tried one after the other.
+        if self._equations[0] != tuple(blocks):
+            parts = zip(self.designs, self.blocks(blocks), strict=True)
+            self._equations = tuple(blocks), [design.equations(own) for design, own in parts]
+        equations = self._equations[1]
+        products = [together(own, factor, len(prior.mean)) for own in equations]
+        whole = sum(products[1:], start=products[0])
+        found = [Fit(whole - own, prior).coefficients for own in products]
+        errors = [[own.misfit(x[at]) for at, own in each] for each, x in zip(equations, found, strict=True)]
+        return np.stack(found), np.maximum(errors, 0.0)
 
 
-def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
-    """Fold number of each fitted row (N,), and the number of folds; the blocks of all motions are dealt out in turn.
+def folds_of(problem: Problem) -> NDArray[np.intp]:
+    """Fold number of each fitted row (N,); the blocks of all motions are dealt out in turn.
 
     Runs that repeat a motion share its folds: a motion that was fitted in one run is not unseen in another. If a motion
     is too short for that, each run is split by itself.
@@ -213,7 +159,7 @@ def folds_of(problem: Problem) -> tuple[NDArray[np.intp], int]:
     if max(int(part.max()) for part in block) < FEWEST - 1:
         block = _blocks(problem, range(len(problem.states)))
     count = min(FOLDS, 1 + max(int(part.max()) for part in block))
-    return np.concatenate(block) % count, count
+    return np.concatenate(block) % count
 
 
 def _blocks(problem: Problem, motions: Sequence[int]) -> list[NDArray[np.intp]]:

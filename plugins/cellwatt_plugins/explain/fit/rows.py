@@ -48,10 +48,8 @@ class Thinned:
 
     def samples(self, rows: Float) -> Float:
         """Rows (M, C) as samples (N, C), interpolated between them."""
-        places = np.arange(self.count) / self.every
-        before = places.astype(np.intp)
-        share = (places - before)[:, None]
-        return np.asarray((1 - share) * rows[before] + share * rows[np.minimum(before + 1, len(rows) - 1)])
+        samples = np.arange(self.count, dtype=np.float64)
+        return interpolated(samples, samples[:: self.every], rows)
 
     def span(self, rows: slice) -> slice:
         """The samples covered by a slice of rows."""

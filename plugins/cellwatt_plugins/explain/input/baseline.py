@@ -17,7 +17,7 @@ from scipy.optimize import nnls
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.input.factors import MOVES
-from cellwatt_plugins.explain.input.moved import later, moved, servo_lag
+from cellwatt_plugins.explain.input.moved import moved, servo_lag
 from cellwatt_plugins.explain.input.run import Run, Simulated
 from cellwatt_plugins.robot import Arm, Body, RobotDescription
 from cellwatt_plugins.robot.blocks import Block, Design, Regression
@@ -29,6 +29,7 @@ from cellwatt_plugins.robot.mount import mount
 from cellwatt_plugins.robot.priors import body_prior, link_prior
 from cellwatt_plugins.robot.regression import Prior
 from cellwatt_plugins.robot.samples import interpolated
+from cellwatt_plugins.robot.servo.law import earlier
 
 ROWS = 4000
 """Approximate number of samples, of all simulations together, from which the law is identified."""
@@ -102,7 +103,7 @@ class Baseline:
         if simulated.power is not None:
             law = nominal_power(self.arm.description, simulated.torque, simulated.plan.velocity)
             power = np.interp(run.time, simulated.time, simulated.power - law)
-        return later(onto, run.time, servo_lag(run)), power
+        return earlier(onto, servo_lag(run), run.step), power
 
 
 def baseline(runs: Sequence[Run], arm: Arm) -> Baseline:

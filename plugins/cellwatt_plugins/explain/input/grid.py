@@ -75,7 +75,8 @@ def even(
 ) -> Gridded:
     """Resample columns (R,) at ``time`` (R,) s to an even grid of their rate; ``rows`` (R,): row numbers for messages.
 
-    Holes in time and single missing values are filled in and marked as gaps, unless the column's kind is one of these:
+    Holes in time and single missing values are filled in and marked as gaps, and a first or last row with a missing
+    value is left out, unless the column's kind is one of these:
     ``slow`` columns change over minutes: missing values are filled in without a mark, and a column without any value is
     omitted. If more than a few values are missing, ``lossy`` columns stay NaN there, and ``spare`` columns and the
     ``power`` are omitted. The power of a slow meter is held. Glitches of ``position``, ``lossy`` and ``spare`` columns
@@ -91,6 +92,9 @@ def even(
         columns = {name: values[~repeated] for name, values in columns.items()}
         notes.append(_repetitions(place, repeated))
     filled, bad = _filled(place, time, columns, kinds, notes)
+    # Without a value before or after it, an unusable one is not filled in: the recording is that much shorter.
+    ends = slice(int(bad[0]), len(bad) - int(bad[-1]))
+    time, rows, bad, filled = time[ends], rows[ends], bad[ends], {name: each[ends] for name, each in filled.items()}
     curved = [name for name in positions if np.isfinite(filled[name]).all()]
     stamps, (time, exact) = time, sampled(time, [filled[name] for name in curved])
     if time is not stamps:
@@ -135,10 +139,10 @@ def _filled(
             _few_enough(place, name, time, wrong)
             bad |= wrong
             filled[name] = np.interp(time, time[~wrong], values[~wrong]) if wrong.any() else values
-            if wrong.any():
-                first = time[wrong][0]
+            if (inner := wrong[1:-1]).any():
+                first = time[1:-1][inner][0]
                 notes.append(
-                    f"{place}: {int(wrong.sum())} unusable values of {name} filled in, first at t = {first:.3f} s"
+                    f"{place}: {int(inner.sum())} unusable values of {name} filled in, first at t = {first:.3f} s"
                 )
     return filled, bad
 

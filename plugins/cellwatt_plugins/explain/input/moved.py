@@ -9,6 +9,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.input.run import Run
 from cellwatt_plugins.robot.motion import OWN_OCTAVES, Moved, Plan, about_plan, from_encoders
+from cellwatt_plugins.robot.servo.law import earlier
 
 SHORTEST_LAG, LONGEST_LAG = 0.0005, 0.2
 """Lags of a servo behind the plan, s; a shorter lag counts as tracking error."""
@@ -32,7 +33,7 @@ def _followed(run: Run) -> Plan:
     plan, lag = run.plan, servo_lag(run)
     if not lag.any():
         return plan
-    return Plan(*(later(values, run.time, lag) for values in plan.courses))
+    return Plan(*(earlier(values, lag, run.step) for values in plan.courses))
 
 
 def servo_lag(run: Run) -> Float:
@@ -41,13 +42,8 @@ def servo_lag(run: Run) -> Float:
     if run.plan is None:
         return lag
     for _ in range(3):
-        position, velocity = (later(part, run.time, lag) for part in (run.plan.position, run.plan.velocity))
+        position, velocity = (earlier(part, lag, run.step) for part in (run.plan.position, run.plan.velocity))
         error, velocity = (run.position - position)[~run.filled], velocity[~run.filled]
         lag -= np.sum(error * velocity, axis=0) / np.maximum(np.sum(velocity**2, axis=0), 1e-12)
         lag = np.clip(lag, -LONGEST_LAG, LONGEST_LAG)
     return np.where(np.abs(lag) > SHORTEST_LAG, lag, 0.0)
-
-
-def later(values: Float, time: Float, lag: Float) -> Float:
-    """Values (N, n) delayed by ``lag`` (n,) s."""
-    return np.stack([np.interp(time - s, time, values[:, j]) for j, s in enumerate(lag)], axis=1)

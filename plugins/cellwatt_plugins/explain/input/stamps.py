@@ -16,8 +16,6 @@ HOLE = 4.5
 """Step, in median steps, across which positions are not compared: the motion in between is unknown."""
 GAP = 100.0
 """Step, in usual steps, across which rows are not numbered: how many are missing is uncertain."""
-GAP = 100.0
-"""Step, in median steps, across which rows are not numbered: the number of missing ones is uncertain."""
 BURST, SEVERAL = 60, 2.0
 """Rows over which steps are averaged, and their mean, in median steps, above which rows come several at once."""
 FARTHEST = 4.0
@@ -206,7 +204,7 @@ def _numbered(time: Float, found: Float) -> Iterator[tuple[float, float, Float]]
     """
     step, first = float(np.median(np.diff(found))), float(np.min(found))
     seen = found - first
-    scanned = int(np.searchsorted(np.maximum.accumulate(seen), SCANNED * step))
+    scanned = int(np.sum(seen < SCANNED * step))
     counts = np.bincount(np.round(seen[:scanned] * (FINE / step)).astype(np.intp))
     size = 4 * len(counts)
     spectrum = np.fft.rfft(counts, size)

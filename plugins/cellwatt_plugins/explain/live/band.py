@@ -11,7 +11,6 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt_plugins.explain.fit.noise import floor
 from cellwatt_plugins.explain.live.intake import Judged
-from cellwatt_plugins.explain.live.motions import MOST
 from cellwatt_plugins.explain.live.settings import BandSettings
 
 RECENT = 20
@@ -42,7 +41,7 @@ class IntervalResidual:
 
 @dataclass
 class Band:
-    """Computes the residuals of intervals; stores them for the noise floor and for the normal residual of each motion.
+    """Computes the residuals of intervals, and stores the recent ones for the noise floor.
 
     Only moving joints are judged: at rest, friction may hold any torque. ``step`` is s from frame to frame.
     """
@@ -51,42 +50,25 @@ class Band:
     channels: Sequence[Judged]
     step: float
     _recent: deque[Float] = field(default_factory=lambda: deque(maxlen=RECENT))
-    _learned: dict[int, list[Float]] = field(default_factory=dict)
-    """Residuals (C,) of the first intervals of each motion, which count as normal; motions in order of last use."""
 
-    def read(self, motion: int, moving: Sequence[int], measured: Float, simulated: Float) -> list[IntervalResidual]:
-        """Residuals of an interval in which the 1-based joints ``moving`` move; ``motion`` is the number of its motion.
+    def read(self, moving: Sequence[int], measured: Float, simulated: Float) -> list[IntervalResidual]:
+        """Residuals of an interval in which the 1-based joints ``moving`` move.
 
-        measured and simulated are (N, C), NaN where ``measured`` is missing. Empty while the motion is being learned.
+        measured and simulated are (N, C), NaN where ``measured`` is missing.
         """
         residual = measured - simulated
         self._recent.append(residual)
         mean = _mean(residual)
         is_torque = np.array([c.joint is not None for c in self.channels])
         sizes = np.where(is_torque, np.sqrt(_mean(np.square(residual))), np.abs(mean))
-        normal = self._normal(motion, sizes)
-        if normal is None:
-            return []
         level = np.sqrt(np.mean(np.square(simulated), axis=0))
         noise = self._noise()
-        limit = self.settings.noise * noise + self.settings.share * level + normal
+        limit = self.settings.noise * noise + self.settings.share * level
         return [
             IntervalResidual(c, *(float(x[i]) for x in (sizes, mean, level, noise, limit)))
             for i, c in enumerate(self.channels)
             if np.isfinite(sizes[i]) and (c.joint is None or c.joint in moving)
         ]
-
-    def _normal(self, motion: int, sizes: Float) -> Float | None:
-        """Normal residual (C,) of this motion; None while it is being learned."""
-        if not self.settings.learn:
-            return np.zeros(len(sizes))
-        learned = self._learned[motion] = self._learned.pop(motion, [])
-        if len(self._learned) > MOST:
-            del self._learned[next(iter(self._learned))]
-        if len(learned) == self.settings.learn:
-            return np.asarray(np.fmax.reduce(learned, initial=0.0))
-        learned.append(sizes)
-        return None
 
     def _noise(self) -> Float:
         """Noise floor (C,) of the recent intervals; 0 where a channel was not measured."""

@@ -18,9 +18,7 @@ class BandSettings(Section):
     noise: float = Field(default=4.0, ge=1, allow_inf_nan=False)
     """The band is this multiple of the channel's noise floor, which is measured continuously …"""
     share: Fraction = Field(default=0.10, ge=0)
-    """… plus this share of the simulated value (root mean square over the interval) …"""
-    learn: int = Field(default=0, ge=0, le=1000)
-    """… plus the largest residual of this many first intervals of the same motion, which count as normal; 0: none."""
+    """… plus this share of the simulated value (root mean square over the interval)."""
     confirm: int = Field(default=3, ge=1, le=100)
     """Number of intervals outside the band that raise a channel's alarm; as many of the same motion inside clear it."""
 

@@ -37,6 +37,7 @@ from cellwatt_plugins.explain.simulators.written import Applied, Written
 from cellwatt_plugins.explain.verdict.estimates import retuned
 from cellwatt_plugins.explain.verdict.findings import ErrorOfChannel
 from cellwatt_plugins.robot import Body
+from cellwatt_plugins.robot.effects.states import States
 
 RISES = 1.01
 """Factor on a joint's error on data left out above which a file is worse."""
@@ -135,7 +136,7 @@ def finished(
     Raises ``ConfigError`` if the file cannot be changed.
     """
     written = write(user.simulator, goal, out)
-    _verify(user, goal, solution.problem, written)
+    verify(user, goal, solution.problem.states[0], solution.problem.floor, written)
     left = _unwritten(found, solution, [*goal.refused, *written.refused])
     notes = (*user.simulator.notes, *user.notes, *goal.notes)
     return Mended(written.path, tuple(written.applied), tuple(left), error, notes)
@@ -148,17 +149,18 @@ def write(simulator: Simulator, goal: Target, folder: Path) -> Written:
     return write_mjcf(simulator, goal, folder)
 
 
-def _verify(user: Placing, goal: Target, problem: Problem, written: Written) -> None:
-    """Delete the written file and raise ``ConfigError`` if its torques in random poses are not the intended ones."""
+def verify(user: Placing, goal: Target, states: States, floor: Float, written: Written) -> None:
+    """Delete the written files and raise ``ConfigError`` if its torques in random poses are not the intended ones."""
     simulator, rng = user.simulator, np.random.default_rng(1)
     shape = POSES, len(simulator.joints)
     motion = rng.uniform(-2, 2, shape), rng.uniform(-1, 1, shape), rng.uniform(-3, 3, shape)
-    wanted = expected(user, goal, problem.states[0], *motion)
+    wanted = expected(user, goal, states, *motion)
     off = rms(_mended(simulator, written)[0].torque(*motion, leading=False) - wanted)
     added = rms(wanted - simulator.torque(*motion, leading=False))
-    share = off / (SAME * np.maximum(rms(wanted), problem.floor) + user.off * added)
+    share = off / (SAME * np.maximum(rms(wanted), floor) + user.off * added)
     if np.max(share) > 1:
-        written.path.unlink()
+        for file in written.files:
+            file.unlink()
         worst = int(np.argmax(share))
         raise ConfigError(
             f"{simulator.path}: cannot be mended: joint {simulator.joints[worst]} would be off by {off[worst]:.3g} "

@@ -28,7 +28,7 @@ SERVO = {"kp": "N*m/rad", "kv": "N*m*s/rad", "forcerange": "N*m", "delay": "s"}
 def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     """Write the mended file into ``folder``. Raises ``ConfigError`` if a joint is not in the text exactly once."""
     files = Files(simulator.path)
-    done = Written(folder)
+    done = Written()
     joints = [_joint(files, name) for name in simulator.joints]
     for at, joint in enumerate(joints):
         _write_joint(simulator, goal, at, joint, done, _turns(files, simulator, at))
@@ -38,7 +38,7 @@ def write_mjcf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     _write_gears(files, simulator, goal, done)
     if goal.servo is not None:
         _write_servos(files, simulator, goal.servo, done)
-    done.path = files.write(folder)[0]
+    done.files = files.write(folder)
     return done
 
 

@@ -25,7 +25,7 @@ ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
     """Write the mended file into ``folder``. Raises ``ConfigError``."""
     files = Files(simulator.path)
-    done = Written(folder)
+    done = Written()
     links, joints = (
         {e.attributes.get("name", ""): e for e in files.root.children if e.tag == tag} for tag in ("link", "joint")
     )
@@ -41,7 +41,7 @@ def write_urdf(simulator: Simulator, goal: Target, folder: Path) -> Written:
             done.record_inertial(goal.links[at], own[at], f"link {link.attributes.get('name', '')}")
         if goal.payload is not None and at == len(own) - 1:
             _add_payload(goal.payload, files.root, link, links, done)
-    done.path = files.write(folder)[0]
+    done.files = files.write(folder)
     return done
 
 

@@ -41,12 +41,18 @@ class Applied:
 
 @dataclass
 class Written:
-    """The changes of one file."""
+    """The changes of one file and of those that it includes."""
 
-    path: Path
+    files: Sequence[Path] = ()
+    """The files written, the main file first."""
     applied: list[Applied] = field(default_factory=list)
     refused: list[tuple[str, int | None, str]] = field(default_factory=list)
     """Effects with their joints (0-based) that this kind of file cannot hold, and why."""
+
+    @property
+    def path(self) -> Path:
+        """The main file."""
+        return self.files[0]
 
     def record(self, what: str, where: str, value: ArrayLike, was: ArrayLike | None, unit: str) -> None:
         """Record a written value of one or several numbers, and the user's value ``was``."""

@@ -226,6 +226,17 @@ def test_few_unusable_values_are_filled_and_marked(tmp_path, arm):
     assert any("3 unusable values of tau_3 filled in, first at t = 1.600 s" in note for note in run.notes)
 
 
+def test_a_first_or_last_row_with_an_unusable_value_is_left_out_without_a_word(tmp_path, arm):
+    t = times()
+    columns = recording(t)
+    columns["q_1"][0], columns["tau_2"][-1] = np.nan, 1e4
+    run = one(parquet(tmp_path / "a.parquet", columns), arm)
+    assert len(run.time) == len(t) - 2
+    assert not run.filled.any()
+    assert run.notes == one(parquet(tmp_path / "b.parquet", recording(t)), arm).notes
+    np.testing.assert_array_equal(run.torque, motion(t)[3][1:-1])
+
+
 @pytest.mark.parametrize(("rows", "held"), [(slice(999, 1000), False), (slice(0, 60), False), (slice(400, 500), True)])
 def test_rows_in_which_nothing_was_read_do_not_count(tmp_path, arm, rows, held):
     """A program logs 0 until it receives something, and the last values while it receives nothing."""

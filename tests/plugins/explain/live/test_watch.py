@@ -80,10 +80,10 @@ def test_what_is_another_motion(other):
 
 
 def test_motions_that_never_come_back_are_not_remembered_for_ever():
-    band = Band(BandSettings(learn=1), [ELBOW], 0.02)
-    rows = np.zeros((50, 1))
-    assert not any(band.read(motion, (3,), rows, rows) for motion in range(MOST + 1))
-    assert [len(band.read(motion, (3,), rows, rows)) for motion in (MOST, 0)] == [1, 0], "the first is learned anew"
+    motions = Motions()
+    assert [motions.number(interval(1, pose=float(i))) for i in range(MOST + 1)] == list(range(MOST + 1))
+    assert motions.number(interval(1, pose=float(MOST))) == MOST
+    assert motions.number(interval(1, pose=0.0)) == MOST + 1, "the first is numbered anew"
 
 
 def test_nothing_is_explained_of_what_was_not_compared():
@@ -98,7 +98,7 @@ def test_a_reading_is_measured_minus_simulated_against_noise_and_share():
     band = Band(BandSettings(noise=4.0, share=0.1), [ELBOW, SUPPLY], 0.02)
     simulated = np.column_stack([np.full(400, 20.0), np.full(400, 300.0)])
     noise = random.standard_normal((400, 2)) * [0.5, 3.0]
-    torque, power = band.read(0, (3,), simulated + noise + [3.0, -12.0], simulated)
+    torque, power = band.read((3,), simulated + noise + [3.0, -12.0], simulated)
     assert torque.noise == pytest.approx(0.5, rel=0.2)
     assert torque.limit == pytest.approx(4 * torque.noise + 0.1 * 20.0)
     assert torque.residual == pytest.approx(np.hypot(3.0, 0.5), rel=0.03)

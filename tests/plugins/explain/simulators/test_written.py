@@ -6,11 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cellwatt.errors import ConfigError
 from cellwatt_plugins.explain.fit.problem import Term
 from cellwatt_plugins.explain.model import FittedTerm, Retuned
 from cellwatt_plugins.explain.simulators import load_simulator
 from cellwatt_plugins.explain.simulators.correction import correction
 from cellwatt_plugins.explain.simulators.files import Files
+from cellwatt_plugins.explain.simulators.mend import verify
 from cellwatt_plugins.explain.simulators.placing import placing
 from cellwatt_plugins.explain.simulators.target import target
 from cellwatt_plugins.explain.simulators.write_mjcf import write_mjcf
@@ -48,11 +50,14 @@ class Cell:
         joints = tuple(Joint(name=name) for name in JOINTS)
         self.arm = Arm.of(RobotDescription(robot="planar", urdf=folder / "robot.urdf", joints=joints))
 
+    @property
+    def states(self):
+        return States("run", 0, np.arange(200) * 0.01, exact(*moves()), self.arm)
+
     def goal(self, *terms, retuned=None):
         simulator = load_simulator(self.path, JOINTS)
-        states = States("run", 0, np.arange(200) * 0.01, exact(*moves()), self.arm)
-        back = correction(retuned or Retuned.nothing(2), terms, [states])
-        return simulator, target(placing(simulator, self.arm.body), back, [states], np.ones(2))
+        back = correction(retuned or Retuned.nothing(2), terms, [self.states])
+        return simulator, target(placing(simulator, self.arm.body), back, [self.states], np.ones(2))
 
     def mended(self, *terms, retuned=None, out="out"):
         simulator, goal = self.goal(*terms, retuned=retuned)
@@ -230,6 +235,19 @@ def test_included_files_and_meshes_are_found_from_the_new_folder(tmp_path):
     assert written.path == tmp_path / "far" / "away" / "arm.mended.xml"
     assert (tmp_path / "only_arm.xml").read_text() == arm
     assert 'meshdir="../../shapes"' in (tmp_path / "far" / "away" / "only_arm.mended.xml").read_text()
+
+
+def test_nothing_is_left_of_files_whose_torques_are_not_the_intended_ones(tmp_path):
+    (tmp_path / "only_arm.xml").write_text(FULL.mjcf())
+    cell = Cell(tmp_path, '<mujoco>\n  <include file="only_arm.xml"/>\n</mujoco>\n')
+    simulator, goal = cell.goal(*CASES[0][0])
+    written = write_mjcf(simulator, goal, tmp_path / "out")
+    user, floor = placing(simulator, cell.arm.body), np.ones(2)
+    verify(user, goal, cell.states, floor, written)
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"arm.mended.xml", "only_arm.mended.xml"}
+    with pytest.raises(ConfigError, match=r"cannot be mended: joint elbow would be off by 0\.99"):
+        verify(user, replace(goal, friction=goal.friction + np.array([0.0, 1.0])), cell.states, floor, written)
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_included_files_of_one_name_stay_two_files(tmp_path):
