@@ -95,20 +95,18 @@ class LeaveOut:
         """Coefficients (K, P) of the fits without one fold each: the design's, then those of the terms."""
         return self._fitted([self.problem.block(term) for term in terms])[0]
 
-    def residual(self, terms: Sequence[Term], channels: Sequence[int] | None = None) -> Float:
-        """Residual (N, C) of each row in the fit without its fold, of all channels or of those given."""
+    def residual(self, terms: Sequence[Term]) -> Float:
+        """Residual (N, C) of each row in the fit without its fold."""
         design, blocks = self.problem.design, [self.problem.block(term) for term in terms]
         found = self._fitted(blocks)[0]
-        chosen = range(design.target.shape[1]) if channels is None else channels
-        out = np.empty((len(design.target), len(chosen)))
+        out = np.empty_like(design.target)
         slices = places(blocks, design.size)
-        for i, c in enumerate(chosen):
-            fixed = design.channels[c]
+        for c, fixed in enumerate(design.channels):
             parts = [(block.of(c), place) for block, place in zip(blocks, slices, strict=True)]
             for rows, own in zip(self.products.rows, found, strict=True):
                 fitted = fixed.columns[rows] @ own[fixed.places] / design.root[rows, c]
                 fitted += sum(columns[rows] @ own[place] for columns, place in parts if columns is not None)
-                out[rows, i] = design.target[rows, c] - fitted
+                out[rows, c] = design.target[rows, c] - fitted
         return out
 
     def _fitted(self, blocks: Sequence[Block]) -> tuple[Float, Float]:

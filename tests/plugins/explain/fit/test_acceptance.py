@@ -79,3 +79,13 @@ def test_samples_that_tell_little_do_not_hide_what_is_left(problem):
     left = 3.0 * np.random.default_rng(1).normal(size=problem.design.target.shape) * problem.floor
     assert doubtful.chi2(left) == pytest.approx(9.0, rel=0.1)
     assert doubtful.fast_chi2(left) == pytest.approx(9.0, rel=0.15)
+
+
+def test_samples_that_tell_little_refuse_no_term(problem):
+    """One in 50 samples, near stops, is off by 30 times the noise, and a real offset makes these worse."""
+    rows = [np.arange(len(v))[:, None] % 50 == 0 for v in problem.variance]
+    variance = tuple(
+        np.where(near, (100 * problem.floor) ** 2, v) for near, v in zip(rows, problem.variance, strict=True)
+    )
+    target = tuple(np.where(near, -30 * problem.floor, t) for near, t in zip(rows, problem.target, strict=True))
+    assert judged(replace(problem, target=target, variance=variance, of_design={}), OFFSET) is None
