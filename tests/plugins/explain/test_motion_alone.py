@@ -17,7 +17,7 @@ from cellwatt_plugins.explain.verdict.other_recordings import compare, with_othe
 from cellwatt_plugins.robot.servo.law import servo_of
 from tests.calling import called
 from tests.plugins.explain.logs import numbered
-from tests.plugins.explain.servos import KP, PLANTS, ROW, integrated, mjcf, moves, sines
+from tests.plugins.explain.servos import FORCE, KP, KV, PLANTS, ROW, Plant, integrated, mjcf, moves, sines
 from tests.plugins.robot import planar_arm
 
 mujoco = pytest.importorskip("mujoco")
@@ -53,6 +53,21 @@ def test_servos_are_read_with_their_gears(tmp_path):
 
 def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
     assert explained(tmp_path, logs["null"])[1] == {}
+
+
+def test_rows_whose_new_command_exceeds_the_limit_count_little(tmp_path):
+    """The joint follows within the row: the filtered motion does not show how much torque the limit takes."""
+    force, log, xml = 60.0, tmp_path / "log.parquet", tmp_path / "arm.xml"
+    xml.write_text(mjcf().replace(f"{FORCE}", f"{force}"))
+    ((time, told, seen),) = integrated([Plant(force=(force, force))], np.repeat(sines()[::5], 5, axis=0))
+    write_table(log, {"t": time, **numbered("command", told), **numbered("q", seen)})
+    problem = api.explain([log], robot=api.arm_of(None, xml, [log]), simulation=[xml]).torque.problem
+    asked = KP * (told - seen) - KV * np.gradient(seen, ROW, axis=0)
+    beyond = np.abs(asked[:: problem.rows[0].every, 0]) > force + 5
+    deviation = np.sqrt(problem.variance[0][:, 0]) / problem.floor[0]
+    assert np.count_nonzero(beyond) > 10
+    assert np.median(deviation[beyond]) > 5
+    assert np.median(deviation) < 2
 
 
 def test_friction_of_a_slide_reverses_within_a_lower_speed_than_that_of_a_hinge(tmp_path):

@@ -81,6 +81,15 @@ class Drive:
         off = np.stack([self.beyond(joint, low, high) for joint, (low, high) in limits], axis=1)
         return np.asarray(self.asked(self.command) - off)
 
+    @cached_property
+    def taken(self) -> Float:
+        """Torque (N, n) Nm that the limits take at the beginning of a row, and never more after it.
+
+        The command is new then; the joint follows it within the row, faster than the filtered motion shows.
+        """
+        asked = self.asked(earlier(self.logged_command, self.late + self.servo.delay, self.step))
+        return np.asarray(asked - np.clip(asked, self.servo.low, self.servo.high))
+
     def beyond(self, joint: int, low: float, high: float) -> Float:
         """Torque (N,) Nm by which a joint's law exceeds limits."""
         servo = self.servo
