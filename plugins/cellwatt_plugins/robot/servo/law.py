@@ -141,11 +141,10 @@ def _one(path: Path, model: Any, name: str) -> tuple[float, ...] | None:
     """The numbers of a joint's servo, in the order of ``Servo``."""
     joint = model.joint(name).id
     at = actuator_of(model, joint)
-    if at < 0 or model.actuator_biastype[at] != library(path).mjtBias.mjBIAS_AFFINE:
+    affine = library(path).mjtBias.mjBIAS_AFFINE
+    if at < 0 or model.actuator_biastype[at] != affine or not model.actuator_biasprm[at, 1] < 0:
         return None
     gear, bias = float(model.actuator_gear[at, 0]), model.actuator_biasprm[at]
-    if not bias[1] < 0:
-        return None
     low, high = -np.inf, np.inf
     if model.actuator_forcelimited[at]:
         low, high = sorted((gear * model.actuator_forcerange[at]).tolist())

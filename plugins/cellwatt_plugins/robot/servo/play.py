@@ -51,9 +51,8 @@ class Play(Effect):
         return [(share * float(np.std(loads)),) for share in WIDTHS]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        at = joint or 0
-        own = run.robot.joints[at]
-        ahead = np.tanh(run.rigid[:, [at]] / shape[0])
+        own = run.robot.joints[joint or 0]
+        ahead = np.tanh(run.rigid[:, [joint or 0]] / shape[0])
         speed, gain = derivatives(ahead, run.step)
         return np.asarray(own.rotor_inertia * gain + own.viscous_friction * speed)
 
