@@ -17,7 +17,7 @@ from cellwatt_plugins.explain.verdict.other_recordings import compare, with_othe
 from cellwatt_plugins.robot.servo.law import servo_of
 from tests.calling import called
 from tests.plugins.explain.logs import numbered
-from tests.plugins.explain.servos import KP, PLANTS, ROW, integrated, mjcf
+from tests.plugins.explain.servos import FORCE, KP, KV, PLANTS, ROW, Plant, integrated, mjcf, moves, sines
 from tests.plugins.robot import planar_arm
 
 mujoco = pytest.importorskip("mujoco")
@@ -33,7 +33,8 @@ def explained(folder, log, *words):
         time, told, seen = log
         log = folder / "log.parquet"
         write_table(log, {"t": time, **numbered("command", told), **numbered("q", seen)})
-    (folder / "arm.xml").write_text(mjcf())
+    if not (folder / "arm.xml").exists():
+        (folder / "arm.xml").write_text(mjcf())
     given = [str(log), "--simulation", str(folder / "arm.xml"), "--out", str(folder / "out")]
     words = words or ("--no-report",)
     called(explain, *given, "-q", *words)
@@ -52,6 +53,41 @@ def test_servos_are_read_with_their_gears(tmp_path):
 
 def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
     assert explained(tmp_path, logs["null"])[1] == {}
+
+
+def test_rows_whose_new_command_exceeds_the_limit_count_little(tmp_path):
+    """The joint follows within the row: the filtered motion does not show how much torque the limit takes."""
+    force, log, xml = 60.0, tmp_path / "log.parquet", tmp_path / "arm.xml"
+    xml.write_text(mjcf().replace(f"{FORCE}", f"{force}"))
+    ((time, told, seen),) = integrated([Plant(force=(force, force))], np.repeat(sines()[::5], 5, axis=0))
+    write_table(log, {"t": time, **numbered("command", told), **numbered("q", seen)})
+    problem = api.explain([log], robot=api.arm_of(None, xml, [log]), simulation=[xml]).torque.problem
+    asked = KP * (told - seen) - KV * np.gradient(seen, ROW, axis=0)
+    beyond = np.abs(asked[:: problem.rows[0].every, 0]) > force + 5
+    deviation = np.sqrt(problem.variance[0][:, 0]) / problem.floor[0]
+    assert np.count_nonzero(beyond) > 10
+    assert np.median(deviation[beyond]) > 5
+    assert np.median(deviation) < 2
+
+
+def test_friction_of_a_slide_reverses_within_a_lower_speed_than_that_of_a_hinge(tmp_path):
+    """A lift of 19 kg with friction of 150 N, which reverses within 1 mm/s."""
+    kp, kv, mass, step = 3e4, 1500.0, 5.0, 0.001
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><option timestep="0.001"/><worldbody><body><inertial pos="0 0 0" mass="5" diaginertia="1 1 1"/>'
+        '<joint name="lift" type="slide" axis="0 0 1" armature="14" frictionloss="150" damping="60"/></body>'
+        f'</worldbody><actuator><position joint="lift" kp="{kp}" kv="{kv}"/></actuator></mujoco>'
+    )
+    told = 0.1 * np.concatenate([sines()[:, 0], moves(6)[:, 0]])
+    seen, place, speed = np.empty_like(told), told[0], 0.0
+    for row, command in enumerate(told):
+        seen[row] = place
+        for _ in range(round(ROW / step)):
+            sign = np.tanh(speed / 0.001)
+            push = kp * (command - place) - kv * speed - 150 * sign - 60 * speed - 9.81 * mass
+            speed += step * push / (19 + step * (kv + 60 + 150 / 0.001 * (1 - sign**2)))
+            place += step * speed
+    assert explained(tmp_path, (ROW * np.arange(len(told)), told[:, None], np.round(seen, 6)[:, None]))[1] == {}
 
 
 def test_the_page_rolls_out_the_simulators_file_and_not_the_description(tmp_path, logs):

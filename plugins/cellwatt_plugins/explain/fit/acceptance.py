@@ -107,9 +107,8 @@ def unconfirmed(before: Solution, after: Solution, term: Term, thresholds: Thres
     # A term of one joint raises the errors of others only through the links, which are refitted with it.
     if term.joint is None and found.rise > max(thresholds.rise, OF_FALL * found.share):
         return "raises the error of another channel on data left out"
-    recorded = after.problem.recorded
-    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms), recorded) for s in (before, after))
-    if not np.any((new < old)[channels]):
+    old, new = (rms(LeaveOut(s.problem, before.factor).residual(s.terms), s.problem.recorded) for s in (before, after))
+    if gain < thresholds.clear and not np.any((new < old)[channels]):
         return "lowers no channel's rms error on data left out"
     return None
 

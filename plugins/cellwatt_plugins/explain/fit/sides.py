@@ -64,6 +64,7 @@ def torque_problem(
         unsure = np.square(coulomb) * _unsure(s.motors, at_rest) * max(1.0, STOP / run.step)
         unsure = unsure if s.arm.coupling is None else unsure @ np.square(s.arm.coupling)
         unsure += np.square((s.own_inertia + robot.column("rotor_inertia")) * s.moved.acceleration_spread)
+        unsure += 0.0 if s.drive is None else np.square(s.drive.taken)
         whole = _without_gaps(noise**2 + _until(unsure, round(late / run.step)), run)
         variance.append(np.where(own & _between_ends(run), whole, UNKNOWN_VARIANCE * noise**2))
     size = np.maximum(robot.column("coulomb_friction"), 0.1 * spread)

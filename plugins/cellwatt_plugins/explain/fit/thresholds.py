@@ -33,6 +33,8 @@ class Thresholds:
     """Share of the error removed by a more complex name that it must remove beyond the plainer name in its place."""
     certain: float = 8.0
     """Standard errors above which an unusual term stays though it leaves more error than it removes."""
+    clear: float = float("inf")
+    """Log evidence (nats) from which errors at stops, where the fit counts samples little, do not refuse a term."""
     least: float = 4.0
     """Log evidence (nats) that any term must add."""
     rise: float = 0.02
@@ -55,4 +57,4 @@ def by_law(thresholds: Thresholds) -> Thresholds:
 
     A channel near the noise therefore requires as large a share as any other, and one far from it a larger share.
     """
-    return replace(thresholds, near=0.0, steady=thresholds.sure, much=0.5, murky=0.35)
+    return replace(thresholds, near=0.0, steady=thresholds.sure, much=0.5, murky=0.35, clear=2 * thresholds.gain)

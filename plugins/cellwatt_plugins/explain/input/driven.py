@@ -43,7 +43,8 @@ def _drive(run: Run, servo: Servo) -> Drive | None:
 
 def drive_of(servo: Servo, position: Float, command: Float, step: float) -> Drive:
     """The servos with a ``command`` and an encoder ``position`` (N, n) rad every ``step`` s."""
-    return Drive(servo, earlier(held(command), servo.delay, step), *filtered(position, step), step, command)
+    acting = earlier(held(command), servo.delay, step)
+    return Drive(servo, acting, *filtered(position, step, servo.lever), step, command)
 
 
 def _late(drives: Sequence[Drive], simulator: Simulator) -> float:

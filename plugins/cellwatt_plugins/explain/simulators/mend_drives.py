@@ -114,12 +114,12 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
     free = _as_stepped(found.torque.free or found.torque.problem, simulator.model)
     unchanged = fitted(freed(free, all_fixed(free)), [])
     best = 0.0, _goal(found, unchanged, user), unchanged, before
-    turnover: Float | None = None
+    turnover, lever = None, free.states[0].servos.servo.lever
     for factors, terms in _starts(free, found):
         for _ in range(TRIES):
             solution = fitted(freed(free, factors), terms)
             goal = _goal(found, solution, user)
-            turnover = _turnover(goal, user, runs) if turnover is None else turnover
+            turnover = _turnover(goal, WIDTH * lever, user, runs) if turnover is None else turnover
             goal = replace(goal, turnover=turnover)
             after = _errors(goal, user, runs)
             worse = np.flatnonzero(after > RISES * before + SAME * noise).tolist()
@@ -153,11 +153,14 @@ def mend_driven(found: Explained, runs: Sequence[Run], user: Placing, out: Path)
     return replace(mended, left=left, notes=tuple(notes))
 
 
-def _turnover(goal: Target, user: Placing, runs: Sequence[Run]) -> Float:
-    """Speed (n,) rad/s within which friction reverses, chosen so that each joint follows best; NaN: the user's."""
+def _turnover(goal: Target, first: Float, user: Placing, runs: Sequence[Run]) -> Float:
+    """Speed (n,) rad/s within which friction reverses, chosen so that each joint follows best; NaN: the user's.
+
+    ``first`` (n,) is tried first.
+    """
     best, least = np.full(len(goal.friction), np.nan), _errors(goal, user, runs)
     for factor in WIDTHS:
-        tried = np.where(np.isnan(best), WIDTH, best) * factor
+        tried = np.where(np.isnan(best), first, best) * factor
         after = _errors(replace(goal, turnover=tried), user, runs)
         better = after < least
         best, least = np.where(better, tried, best), np.where(better, after, least)

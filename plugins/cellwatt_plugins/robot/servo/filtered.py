@@ -31,21 +31,21 @@ WINDOW = 25
 """Samples of a window in which noise is estimated."""
 
 
-def filtered(encoders: Float, step: float) -> tuple[Moved, Float]:
+def filtered(encoders: Float, step: float, lever: Float) -> tuple[Moved, Float]:
     """Motion of ``encoders`` (N, n) rad every ``step`` s; and the friction signs (N, n, k) of other ``TURNOVERS``.
 
     The motion's own sign is subtracted from these. Where the velocity is too noisy, signs are those of
-    ``from_encoders``.
+    ``from_encoders``. ``lever`` (n,): travel of each joint that counts as 1 rad.
     """
     position = smooth(encoders, step, min(BAND / step, FASTEST))
     velocity, acceleration = derivatives(position, step)
     own = resolution(encoders)
     estimated, noise = from_encoders(encoders, step), own * _speed_noise(step)
-    fine = noise < FINE * CREEPS
-    speed = np.where(fine, velocity, estimated.velocity)
+    fine = noise < FINE * CREEPS * lever
+    speed = np.where(fine, velocity, estimated.velocity) / lever
     unsure = np.where(fine, noise, estimated.velocity_spread)
-    sign, doubt = expected_sign(speed, np.hypot(unsure, CREEPS))
-    others = [expected_sign(speed, np.hypot(unsure, width))[0] - sign for width in TURNOVERS]
+    sign, doubt = expected_sign(speed, np.hypot(unsure / lever, CREEPS))
+    others = [expected_sign(speed, np.hypot(unsure / lever, width))[0] - sign for width in TURNOVERS]
     moved = Moved(position, velocity, acceleration, sign, doubt, own, unsure, np.full_like(position, 1e-12))
     return moved, np.stack(others, axis=2)
 

@@ -20,6 +20,7 @@ from cellwatt.arrays import Float
 from cellwatt_plugins.robot.mjcf import compiled, library
 from cellwatt_plugins.robot.motion import Moved
 from cellwatt_plugins.robot.servo.filtered import held
+from cellwatt_plugins.travel import LEVER
 
 WITHIN = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Shares of a row at which the law is evaluated."""
@@ -40,6 +41,8 @@ class Servo:
     high: Float
     delay: Float
     """s after which its commands act."""
+    lever: Float
+    """Travel that counts as 1 rad: 1 rad of a hinge, ``LEVER`` m of a slide."""
 
 
 @dataclass(frozen=True)
@@ -74,10 +77,18 @@ class Drive:
     @cached_property
     def torque(self) -> Float:
         """Torque (N, n) Nm of the law; its limits are applied to the commands of ``late`` s before."""
-        off = [
-            self.beyond(j, low, high) for j, (low, high) in enumerate(zip(self.servo.low, self.servo.high, strict=True))
-        ]
-        return np.asarray(self.asked(self.command) - np.stack(off, axis=1))
+        limits = enumerate(zip(self.servo.low, self.servo.high, strict=True))
+        off = np.stack([self.beyond(joint, low, high) for joint, (low, high) in limits], axis=1)
+        return np.asarray(self.asked(self.command) - off)
+
+    @cached_property
+    def taken(self) -> Float:
+        """Torque (N, n) Nm that the limits take at the beginning of a row, and never more after it.
+
+        The command is new then; the joint follows it within the row, faster than the filtered motion shows.
+        """
+        asked = self.asked(earlier(self.logged_command, self.late + self.servo.delay, self.step))
+        return np.asarray(asked - np.clip(asked, self.servo.low, self.servo.high))
 
     def beyond(self, joint: int, low: float, high: float) -> Float:
         """Torque (N,) Nm by which a joint's law exceeds limits."""
@@ -127,14 +138,13 @@ def servo_of(path: Path, joints: Sequence[str]) -> Servo | None:
 
 
 def _one(path: Path, model: Any, name: str) -> tuple[float, ...] | None:
-    """Pull, stiffness, damping, limits and delay of a joint's servo."""
+    """The numbers of a joint's servo, in the order of ``Servo``."""
     joint = model.joint(name).id
     at = actuator_of(model, joint)
-    if at < 0 or model.actuator_biastype[at] != library(path).mjtBias.mjBIAS_AFFINE:
+    affine = library(path).mjtBias.mjBIAS_AFFINE
+    if at < 0 or model.actuator_biastype[at] != affine or not model.actuator_biasprm[at, 1] < 0:
         return None
     gear, bias = float(model.actuator_gear[at, 0]), model.actuator_biasprm[at]
-    if not bias[1] < 0:
-        return None
     low, high = -np.inf, np.inf
     if model.actuator_forcelimited[at]:
         low, high = sorted((gear * model.actuator_forcerange[at]).tolist())
@@ -142,7 +152,8 @@ def _one(path: Path, model: Any, name: str) -> tuple[float, ...] | None:
         low, high = max(low, model.jnt_actfrcrange[joint, 0]), min(high, model.jnt_actfrcrange[joint, 1])
     pull = gear * float(model.actuator_gainprm[at, 0])
     delay = float(model.actuator_delay[at]) if hasattr(model, "actuator_delay") else 0.0
-    return pull, -(gear**2) * float(bias[1]), -(gear**2) * float(bias[2]), low, high, delay
+    lever = LEVER if model.jnt_type[joint] == library(path).mjtJoint.mjJNT_SLIDE else 1.0
+    return pull, -(gear**2) * float(bias[1]), -(gear**2) * float(bias[2]), low, high, delay, lever
 
 
 def actuator_of(model: Any, joint: int) -> int:

@@ -51,16 +51,8 @@ class Play(Effect):
         return [(share * float(np.std(loads)),) for share in WIDTHS]
 
     def columns(self, run: States, joint: int | None, shape: Shape) -> Float:
-        out = np.zeros((*run.q.shape, 1))
-        out[:, joint or 0] = self._column(run, joint or 0, shape)
-        return out
-
-    def grid(self, run: States, joint: int | None, shapes: Sequence[Shape]) -> Sequence[Float]:
-        return [self._column(run, joint or 0, shape) for shape in shapes]
-
-    def _column(self, run: States, at: int, shape: Shape) -> Float:
-        own = run.robot.joints[at]
-        ahead = np.tanh(run.rigid[:, [at]] / shape[0])
+        own = run.robot.joints[joint or 0]
+        ahead = np.tanh(run.rigid[:, [joint or 0]] / shape[0])
         speed, gain = derivatives(ahead, run.step)
         return np.asarray(own.rotor_inertia * gain + own.viscous_friction * speed)
 

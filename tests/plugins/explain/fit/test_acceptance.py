@@ -8,7 +8,7 @@ import pytest
 from cellwatt_plugins.explain.fit.acceptance import sound, unconfirmed
 from cellwatt_plugins.explain.fit.problem import Problem, Term
 from cellwatt_plugins.explain.fit.solution import Solution
-from cellwatt_plugins.explain.fit.thresholds import DEFAULT
+from cellwatt_plugins.explain.fit.thresholds import DEFAULT, Thresholds
 from cellwatt_plugins.robot.effects import BY_NAME
 from tests.plugins.explain import plant
 
@@ -27,11 +27,11 @@ def solved(problem: Problem, *terms: Term) -> Solution:
     return Solution(problem, list(terms), fit, problem.factor(fit.residual))
 
 
-def judged(problem: Problem, *terms: Term) -> str | None:
+def judged(problem: Problem, *terms: Term, thresholds: Thresholds = DEFAULT) -> str | None:
     """Why data left out do not confirm the last of the terms."""
     before = solved(problem, *terms[:-1])
     gain = before.fit.gain(problem.block(terms[-1]))[0]
-    return unconfirmed(before, solved(problem, *terms), terms[-1], DEFAULT, gain)
+    return unconfirmed(before, solved(problem, *terms), terms[-1], thresholds, gain)
 
 
 def test_a_small_real_term_holds_near_the_noise(problem):
@@ -79,3 +79,15 @@ def test_samples_that_tell_little_do_not_hide_what_is_left(problem):
     left = 3.0 * np.random.default_rng(1).normal(size=problem.design.target.shape) * problem.floor
     assert doubtful.chi2(left) == pytest.approx(9.0, rel=0.1)
     assert doubtful.fast_chi2(left) == pytest.approx(9.0, rel=0.15)
+
+
+def test_samples_that_tell_little_refuse_no_term_with_much_evidence(problem):
+    """One in 50 samples, near stops, is off by 30 times the noise, and a real offset makes these worse."""
+    rows = [np.arange(len(v))[:, None] % 50 == 0 for v in problem.variance]
+    variance = tuple(
+        np.where(near, (100 * problem.floor) ** 2, v) for near, v in zip(rows, problem.variance, strict=True)
+    )
+    target = tuple(np.where(near, -30 * problem.floor, t) for near, t in zip(rows, problem.target, strict=True))
+    doubtful = replace(problem, target=target, variance=variance, of_design={})
+    assert judged(doubtful, OFFSET, thresholds=replace(DEFAULT, clear=32.0)) is None
+    assert judged(doubtful, OFFSET) is not None
