@@ -1,6 +1,6 @@
 """Cycles of emulated arms with known faults, judged by `cellwatt faults`; see the package `faults` beside this file.
 
-python bench/faults.py --json [--cases N] [--cycles N] [--first-seed N]
+python bench/faults.py --json [--bare] [--cases N] [--cycles N] [--first-seed N]
 python bench/faults.py --healthy --json [--cases N] [--cycles N] [--first-seed N]
 python bench/faults.py --edited --json [--cases N] [--cycles N] [--first-seed N]
 

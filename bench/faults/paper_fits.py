@@ -51,7 +51,7 @@ def patterns(recording: Path | None) -> dict[str, Pattern]:
 
 def of_recording(path: Path) -> Pattern:
     """The fastest variant of the task with most cycles: its intervals one after the other."""
-    reference, _ = learn_from(list(frames_of_files((path,))), None, None, "supply.power")
+    reference = learn_from(list(frames_of_files((path,))), None, None, "supply.power").reference
     variant = max((v for task in reference.tasks for v in task.variants), key=lambda v: (v.cycles, v.speed))
     step = variant.intervals[0].power.step
     parts = [i.power.at(np.arange(-min(i.rest, 0.2), i.duration + 0.1, step)) for i in variant.intervals]

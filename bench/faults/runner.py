@@ -12,8 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cellwatt.progress import show_progress
 from cellwatt.scheduler import scheduled, spread
+from cellwatt_plugins.faults.cycles.bare_arm import BareArm
 from cellwatt_plugins.faults.cycles.findings import CycleFinding, judge_recording
 from cellwatt_plugins.faults.cycles.known import Known, learn_known
 from cellwatt_plugins.faults.cycles.live import CycleWatch
@@ -49,6 +52,8 @@ class Cell:
 
     seed: int
     cycles: int
+    bare: bool = False
+    """Without the description of the arm."""
 
 
 def main() -> None:
@@ -58,6 +63,7 @@ def main() -> None:
     parse.add_argument("--cases", type=int, default=10, help="cells of an arm and three tasks each")
     parse.add_argument("--cycles", type=int, default=50, help="cycles to judge in each")
     parse.add_argument("--first-seed", type=int, default=0)
+    parse.add_argument("--bare", action="store_true", help="leave the description of the arm out")
     parse.add_argument("--healthy", action="store_true", help="count false alarms in calm cycles instead")
     parse.add_argument("--edited", action="store_true", help="count false alarms in edited tasks instead")
     parse.add_argument("--scheduler", metavar="PLACE", help="whose workers do the cells, as of cellwatt's commands")
@@ -68,7 +74,8 @@ def main() -> None:
 
 def asked_for(given: argparse.Namespace) -> dict[str, Any]:
     """The figures that the command line asks for."""
-    wanted = [Cell(seed, given.cycles) for seed in range(given.first_seed, given.first_seed + given.cases)]
+    seeds = range(given.first_seed, given.first_seed + given.cases)
+    wanted = [Cell(seed, given.cycles, given.bare) for seed in seeds]
     if given.edited:
         return edited_figures(wanted)
     if given.healthy:
@@ -81,7 +88,7 @@ def asked_for(given: argparse.Namespace) -> dict[str, Any]:
 def judged(cell: Cell) -> Figures:
     """Figures of one cell."""
     with tempfile.TemporaryDirectory() as folder:
-        return judge(make_case(cell.seed, Path(folder), cell.cycles))
+        return judge(make_case(cell.seed, Path(folder), cell.cycles), cell.bare)
 
 
 def edited_figures(wanted: Sequence[Cell]) -> dict[str, Any]:
@@ -105,10 +112,10 @@ def edited(cell: Cell) -> tuple[Count, Count]:
     return count(case.truths, found, early), count(case.truths, found, [])
 
 
-def judge(case: Case) -> Figures:
-    """Both methods on one case."""
+def judge(case: Case, bare: bool = False) -> Figures:
+    """Both methods on one case, ours with the description of the arm or with a bare one."""
     healthy, judged = Recording(*case.healthy), Recording(*case.judged)
-    known = learn_known(healthy, Arm.load(case.robot))
+    known = learn_known(healthy, BareArm(np.ones(healthy.joints)) if bare else Arm.load(case.robot))
     start = time.process_time()
     found, early = watch(known, judged)
     spent = time.process_time() - start

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from bench.faults.tables import PICK_AND_PLACE, POLISHING, TARGETS
 
-from cellwatt_plugins.faults.criteria import Tolerance, ternary, verdict
-from cellwatt_plugins.faults.isolate import agreement
+from cellwatt_plugins.faults.criteria import Tolerance, ternary
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
-from cellwatt_plugins.faults.paper.judging import judge_interval
+from cellwatt_plugins.faults.paper.judging import agreement, by_encoders, judge_interval
 
 # Table I as printed: "Time interval", then joints 1 to 6.
 TABLE_I = """
@@ -56,17 +55,26 @@ def test_each_column_is_explained_by_its_own_joint_alone(table, joint):
     assert np.delete(scores, joint - 1).max() < 1.0
 
 
+def judged(position, power):
+    """An interval of 2 s in which joint 2 is off by ``position`` rad and power by ``power`` W of 100 W."""
+    t = np.linspace(0.0, 2.0, 101)
+    q = np.column_stack([np.zeros(101), np.where(t < 1.0, t, 2.0 - t)])
+    expected = ExpectedInterval(1, (2,), Readings(t, q, np.full(101, 100.0)))
+    seen = Readings(t, q + np.array([0.0, position]), np.full(101, 100.0 + power))
+    return judge_interval(expected, seen, Tolerance(position=0.015, power=0.10, floor=0.0))
+
+
 @pytest.mark.parametrize(
-    ("position_outside", "power_outside", "expected"),
+    ("position", "power", "kinds"),
     [
-        (False, False, "healthy"),
-        (True, False, "encoder_fault"),  # rule 1
-        (True, True, "joint_and_encoder_fault"),  # rule 2, with its two possibilities
-        (False, True, "joint_fault"),
+        (0.0, 0.0, []),
+        (0.020, 0.0, ["encoder"]),  # rule 1
+        (0.020, 10.1, ["joint_and_encoder"]),  # rule 2, with its two possibilities
+        (0.0, 10.1, []),
     ],
 )
-def test_rules_under_16(position_outside, power_outside, expected):
-    assert verdict(position_outside=position_outside, power_outside=power_outside) == expected
+def test_rules_under_16(position, power, kinds):
+    assert [fault.kind for fault in by_encoders([judged(position, power)])] == kinds
 
 
 @pytest.mark.parametrize(
@@ -81,12 +89,7 @@ def test_rules_under_16(position_outside, power_outside, expected):
     ],
 )
 def test_equation_16(position, power, free):
-    """An interval of 2 s in which joint 2 is off by ``position`` rad and power by ``power`` W of 100 W."""
-    t = np.linspace(0.0, 2.0, 101)
-    q = np.column_stack([np.zeros(101), np.where(t < 1.0, t, 2.0 - t)])
-    expected = ExpectedInterval(1, (2,), Readings(t, q, np.full(101, 100.0)))
-    seen = Readings(t, q + np.array([0.0, position]), np.full(101, 100.0 + power))
-    found = judge_interval(expected, seen, Tolerance(position=0.015, power=0.10, floor=0.0))
+    found = judged(position, power)
     assert (not found.off and not found.power_left) is free
 
 

@@ -1,8 +1,7 @@
 """Names the faulty joint or encoder by comparing supply power and positions with healthy cycles (Sabry et al.).
 
 learn, reference   the healthy reference: learned, and as a file
-intervals          without ``robot``: judges each interval against its limits
-cycles             with ``robot``: judges whole cycles by the physics of the arm
+cycles             judges whole cycles by the physics of the arm, described or bare
 paper              the method of the paper as published
 """
 

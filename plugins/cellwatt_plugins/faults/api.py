@@ -19,10 +19,11 @@ from cellwatt.results import Task
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.learn import learn
 from cellwatt_plugins.faults.recordings import frames_of_files
-from cellwatt_plugins.faults.reference import Reference, load, save
+from cellwatt_plugins.faults.reference import Reference, TaskReference, load, save
 from cellwatt_plugins.faults.trace import one_layout, segmented
 from cellwatt_plugins.robot.description import packaged, robot_file
 from cellwatt_plugins.robot.simulated import is_simulator
+from cellwatt_plugins.travel import levers_of
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding, Evidence
@@ -36,7 +37,7 @@ class Learned:
     reference: Reference
     tasks: tuple[Task, ...]
     note: str | None = None
-    """Why the reference has no intervals; None if it has some."""
+    """Why the reference has no whole cycles, or no intervals for the paper's method; None if it has both."""
 
     def as_json(self) -> dict[str, Any]:
         """The report of ``cellwatt reference --json``, without the name of the file."""
@@ -74,7 +75,7 @@ class Judged:
     cycles: tuple[CycleFinding, ...]
     recording: Recording
     evidence: tuple[Evidence, ...] = ()
-    """Evidence for the cycles of known tasks that were judged by the physics of the arm."""
+    """Evidence for the cycles of known tasks."""
     inputs: tuple[Path, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -97,29 +98,28 @@ def reference(
     arm: str | None = None,
     power: str = "supply.power",
 ) -> Learned:
-    """Learn a reference from recordings of a healthy robot: tasks, intervals and their power (W).
+    """Learn a reference from recordings of a healthy robot: the cycles of its tasks and their power (W).
 
-    ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must occur three times
-    or more at each speed. ``robot`` is the robot's name, or as for ``Arm.load``: if the description has ``urdf`` and
-    ``joints``, whole cycles and the parameters of the arm are learned too. ``meter`` are tables of power on a clock of
+    ``recordings`` are cellwatt's own or tables with t (s), q_i (rad) and power (W); each task must occur three times,
+    and twice at each speed. ``robot`` is the robot's name, or as for ``Arm.load``: if the description has ``urdf`` and
+    ``joints``, the parameters of the arm are learned too. ``meter`` are tables of power on a clock of
     their own, one per table of ``recordings``. ``arm`` is the source with the joints, needed if several sources have
     joints; ``power`` is the power channel. Raises ``RecordingError``, ``ConfigError``, and ``ModelError`` if no task
     recurs.
     """
     name, described = _known(robot)
+    joints: tuple[Sequence[str], Sequence[int]] = ((), ())
     if described is not None:
-        known = described.description.names, described.body.slides
-        blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), *known))
-        return _learned_with_cycles(blocks, described, arm, power)
-    found, tasks = learn_from(list(frames_of_files(paths_of(recordings), paths_of(meter))), name, arm, power)
-    return Learned(found, tuple(tasks))
+        joints = described.description.names, described.body.slides
+    blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), *joints))
+    return learn_from(blocks, name, arm, power, described)
 
 
 def faults(
     recordings: Places,
     *,
     reference: Place,
-    robot: Place,
+    robot: Place | None = None,
     meter: Places = (),
     arm: str | None = None,
     power: str | None = None,
@@ -127,57 +127,76 @@ def faults(
 ) -> Judged:
     """Compare every cycle of ``recordings`` with healthy ones: report harmless changes and faulty joints or encoders.
 
-    ``reference`` is a file written by ``Learned.save`` or ``cellwatt reference``, ``robot`` as for ``Arm.load``.
-    ``meter`` is as for ``reference``; ``arm`` and ``power`` are those of the reference unless given. ``false_alarms``
-    is the accepted share of healthy intervals with a false alarm. Raises ``RecordingError``, ``ConfigError`` and
-    ``ModelError``.
+    ``reference`` is a file written by ``Learned.save`` or ``cellwatt reference``, ``robot`` as for ``Arm.load``, if the
+    reference was learned with it. ``meter`` is as for ``reference``; ``arm`` and ``power`` are those of the reference
+    unless given. ``false_alarms`` is the accepted share of healthy intervals with a false alarm. Raises
+    ``RecordingError``, ``ConfigError`` and ``ModelError``.
     """
     from cellwatt_plugins.faults.cycles.findings import judge_recording
     from cellwatt_plugins.faults.cycles.known import known_of
 
-    file, described = Path(reference), robot_file(robot)
+    file, described = Path(reference), None if robot is None else robot_file(robot)
     learnt = load(file)
-    known = known_of(learnt, file, described, false_alarms)
     blocks = list(frames_of_files(paths_of(recordings), paths_of(meter), learnt.names))
-    recording = recording_of(blocks, learnt.source(one_layout(blocks), arm), power or learnt.power)
+    layout = one_layout(blocks)
+    source = learnt.source(layout, arm)
+    recording = recording_of(blocks, source, power or learnt.power)
     if recording.joints != learnt.joints:
         raise RecordingError(f"the recording has {recording.joints} joints, reference {file} {learnt.joints}")
+    levers = levers_of(layout, layout.joints("position", source))
+    known = known_of(learnt, file, described, levers, false_alarms)
     evidence: list[Evidence] = []
     found = judge_recording(recording, known, evidence)
-    inputs = (*paths_of(recordings), *paths_of(meter), file, described)
+    inputs = (*paths_of(recordings), *paths_of(meter), file, *([described] if described else []))
     return Judged(tuple(found), recording, tuple(evidence), inputs)
 
 
-def _learned_with_cycles(blocks: Sequence[Frames], described: Arm, arm: str | None, power: str) -> Learned:
-    """Learn whole cycles and the arm's parameters from their power, and intervals if they recur often enough."""
+def learn_from(
+    blocks: Sequence[Frames], robot: str | None, arm: str | None, power: str, described: Arm | None = None
+) -> Learned:
+    """Learn whole cycles of a ``robot``, its parameters if it is ``described``, and intervals if they recur often.
+
+    Without whole cycles, as of a motion without rests, intervals alone are learned for the paper's method, unless the
+    robot is described. Raises ``CellwattError``.
+    """
+    from cellwatt_plugins.faults.cycles.bare_arm import BareArm
     from cellwatt_plugins.faults.cycles.known import learn_known, stored
 
-    model, cycles = stored(learn_known(recording_of(blocks, arm, power), described), described)
-    tasks: list[Task] = []
+    layout = one_layout(blocks)
+    positions = layout.joints("position", arm)
+    subject = described or BareArm(levers_of(layout, positions))
+    recording = recording_of(blocks, arm, power)
+    source = layout.channels[positions[0]].source
+    found = Reference(1, robot, source, power, len(positions), ())
+    tasks: tuple[Task, ...] = ()
     note = None
     try:
-        learned, tasks = learn_from(blocks, described.name, arm, power)
+        model, cycles = stored(learn_known(recording, subject), subject)
+        found = replace(found, power_model=model, cycles=cycles)
     except ModelError as error:
+        if described is not None:
+            raise
+        note = f"intervals only, no whole cycles: {error}"
+    try:
+        learned, tasks = _intervals(blocks, arm, power)
+        found = replace(found, tasks=learned)
+    except ModelError as error:
+        if not found.cycles:
+            raise
         note = f"whole cycles only, no intervals: {error}"
-        layout = blocks[0].layout
-        source = layout.channels[layout.joints("position", arm)[0]].source
-        learned = Reference(1, described.name, source, power, described.joints, ())
-    return Learned(replace(learned, power_model=model, cycles=cycles), tuple(tasks), note)
+    return Learned(found, tasks, note)
 
 
-def learn_from(
-    blocks: Sequence[Frames], robot: str | None, arm: str | None, power: str
-) -> tuple[Reference, list[Task]]:
-    """Return the reference learned from ``blocks``, and every task seen in them. Raises ``CellwattError``."""
-    layout = one_layout(blocks)
-    source = layout.channels[layout.joints("position", arm)[0]].source
+def _intervals(
+    blocks: Sequence[Frames], arm: str | None, power: str
+) -> tuple[tuple[TaskReference, ...], tuple[Task, ...]]:
+    """Return the tasks learned by intervals, and every task seen. Raises ``CellwattError``."""
     parts = list(segmented(blocks, arm, power))
     trace = joined([part for part, *_ in parts])
     intervals = [interval for _, each, _ in parts for interval in each]
-    tasks = [task for *_, each in parts for task in each]
+    tasks = tuple(task for *_, each in parts for task in each)
     with stage("learning intervals"):
-        learned = learn(layout.step * 1e-9, trace, intervals, tasks)
-    return Reference(1, robot, source, power, trace.position.shape[1], learned), tasks
+        return learn(blocks[0].layout.step * 1e-9, trace, intervals, tasks), tasks
 
 
 class _Described(BaseModel):

@@ -19,7 +19,7 @@ from cellwatt.progress import stage
 from cellwatt.report.page import PAGE
 from cellwatt_plugins.faults import api
 from cellwatt_plugins.faults.train_command import train
-from cellwatt_plugins.robot_option import with_robot
+from cellwatt_plugins.robot_option import ROBOT
 
 if TYPE_CHECKING:
     from cellwatt_plugins.faults.cycles.findings import CycleFinding
@@ -44,8 +44,7 @@ def reference(out: Path, as_json: bool, **asked: Any) -> None:
     """Learn the healthy reference from RECORDINGs of a healthy robot.
 
     Recordings are cellwatt's own (.mcap, or their folder) or tables (.parquet, .csv) with columns t (s),
-    q_1 … q_n (rad) and power (W). Each task must occur three times or more at each speed; with a description of the
-    robot, twice at each speed are enough.
+    q_1 … q_n (rad) and power (W). Each task must occur three times, and twice at each speed.
     """
     learned = api.reference(**asked)
     if learned.note:
@@ -72,7 +71,7 @@ def faults() -> None:
 @faults.command(JUDGE)
 @click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=INPUT)
 @click.option("--reference", required=True, type=INPUT, help="File made by `cellwatt reference`.")
-@with_robot
+@click.option("--robot", type=ROBOT, help="The robot's description, if the reference was learned with it.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="findings.json to write.")
 @click.option("--meter", multiple=True, type=INPUT, help=METER)
 @click.option("--arm", help="Source with the joints; default: that of the reference.")
@@ -92,8 +91,7 @@ def faults() -> None:
 def judge(out: Path | None, page: Path | None, as_json: bool, **asked: Any) -> None:
     """Compare every cycle of RECORDINGs with healthy ones: report harmless changes and faulty joints or encoders.
 
-    RECORDINGs are as for `cellwatt reference`. The reference must have been learned with the same description of the
-    robot.
+    RECORDINGs are as for `cellwatt reference`. --robot needs a reference that was learned with the same description.
     """
     found = api.faults(**asked)
     content = found.as_json()

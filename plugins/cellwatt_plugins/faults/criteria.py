@@ -1,10 +1,9 @@
-"""Criteria of a deviating cycle: equations (16) and (20) of Sabry et al., and the rules under (16)."""
+"""Criteria of a deviating cycle: equations (16) and (20) of Sabry et al."""
 
 from __future__ import annotations
 
 import math
 from itertools import groupby
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +14,6 @@ from cellwatt.quantity import Fraction, Radians, Watts
 from cellwatt.section import Section
 
 Codes = NDArray[np.int8]
-
-Verdict = Literal["healthy", "encoder_fault", "joint_fault", "joint_and_encoder_fault"]
 
 
 class Tolerance(Section):
@@ -34,25 +31,9 @@ class Tolerance(Section):
         return np.maximum(self.power * np.abs(reference), self.floor)
 
 
-def verdict(*, position_outside: bool, power_outside: bool) -> Verdict:
-    """Apply the rules under equation (16) to one joint.
-
-    Only position outside its tolerance: the encoder is faulty. Both outside: the joint, and possibly its encoder.
-    Only power outside: the joint, whose position loop still follows the path.
-    """
-    if position_outside:
-        return "joint_and_encoder_fault" if power_outside else "encoder_fault"
-    return "joint_fault" if power_outside else "healthy"
-
-
 def ternary(residual: Float, limit: Float | float) -> Codes:
     """Equation (20): 0 where |r| <= eps, 1 where r > eps, -1 where r < -eps (the paper omits this minus sign)."""
     return np.where(residual > limit, 1, np.where(residual < -np.asarray(limit), -1, 0)).astype(np.int8)
-
-
-def outside(value: Float, low: Float, high: Float) -> Float:
-    """Signed distance of values from the band low … high; 0 inside."""
-    return value - np.clip(value, low, high)
 
 
 def sustained(codes: Codes, frames: int) -> int:

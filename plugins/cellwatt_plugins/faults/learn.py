@@ -1,4 +1,4 @@
-"""Learns the healthy intervals of each task and the spread of their power; ``intervals.compare`` makes the limits."""
+"""Learns the healthy intervals of each task and the spread of their power, for the paper's method."""
 
 from __future__ import annotations
 

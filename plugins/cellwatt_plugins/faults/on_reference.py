@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
 from cellwatt.errors import ModelError
-from cellwatt.frames import Frames, Layout
-from cellwatt.results import Interval, Result
+from cellwatt.frames import Layout
 from cellwatt.stage import CellInfo, Stage
-from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.reference import load
-from cellwatt_plugins.faults.trace import Trace, in_angles
 from cellwatt_plugins.robot_name import RobotStageSettings, robot_name
 from cellwatt_plugins.travel import levers_of
 
@@ -26,8 +22,6 @@ class ReferenceSettings(RobotStageSettings):
     """Source with the joints; by default that of the reference, or the only one with joints."""
     power: str | None = None
     """Channel of the supply's power; by default that of the reference."""
-    tolerance: Tolerance = Tolerance()
-    """Largest distance from the reference that counts as healthy."""
 
 
 S = TypeVar("S", bound=ReferenceSettings)
@@ -57,8 +51,3 @@ class ReferenceStage(Stage[S]):
                 f"reference {path}: has {reference.joints} joints, source {self._source} has {len(self._positions)}"
             )
         self._power = layout.index(settings.power or reference.power, "W")
-
-    def _seen(self, frames: Frames, upstream: Sequence[Result]) -> tuple[Trace, list[Interval]]:
-        """The arm's channels of a block, and the arm's intervals found with it, ``in_angles``."""
-        intervals = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
-        return in_angles(Trace.of(frames, self._positions, self._power), intervals, self._levers)

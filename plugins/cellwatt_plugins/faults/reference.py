@@ -5,7 +5,7 @@ robot: ur10e                  or null
 arm: arm                      source of the encoders
 power: supply.power           channel of the power, W
 joints: 6
-tasks:
+tasks:                        by intervals, for the paper's method
 - name: task_1
   signature: 1+52 3-40 ...    moving joints with whole signed degrees
   variants:
@@ -21,8 +21,8 @@ tasks:
       power: {start: -0.2, step: 0.02, mean: [...], spread: [...]}          W over s from the onset
       position:
         3: {start: -0.2, step: 0.02, mean: [...], spread: [...]}            rad, moving joints only
-power_model: ...              the arm's fitted parameters; absent without a description of the robot
-cycles:                       whole cycles, for `cellwatt faults`; absent without a description
+power_model: ...              the arm's fitted parameters; without a description of the robot, its supply's alone
+cycles:                       whole cycles
 - task: task_1
   speed: 1.0
   cycles: 8
@@ -149,7 +149,10 @@ class StoredJoint(_Strict):
 
 @dataclass(frozen=True)
 class StoredModel(_Strict):
-    """The fitted arm: ``standby`` W, supply gains for power to the drives (``drive``) and back (``regenerate``)."""
+    """The fitted arm: ``standby`` W, supply gains for power to the drives (``drive``) and back (``regenerate``).
+
+    ``joints`` are empty without a description of the robot: they are fitted to the cycles whenever the file is read.
+    """
 
     standby: float
     drive: float

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from cellwatt.commands.options import INPUT, with_columns, with_progress, with_scheduler
 from cellwatt.errors import ConfigError, ModelError
@@ -73,7 +74,7 @@ def train(
         from cellwatt_plugins.faults.cycles.known import known_of
 
         fitted = known_of(reference, file, robot).arm
-    slides = fitted.body.slides if fitted else ()
+    slides = np.flatnonzero(fitted.body.levers != 1.0).tolist() if fitted else ()
 
     def codes_in(files: Sequence[_Files]) -> dict[Key, list[Codes]]:
         paths, meters = zip(*files, strict=True)

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from pydantic import ValidationError
 
 from cellwatt.errors import ConfigError, ModelError
@@ -44,8 +45,8 @@ def test_the_arm_may_have_another_name_than_when_it_was_learned(reference):
 @pytest.mark.parametrize(
     ("content", "text"),
     [
-        ({"reference": "a.yaml", "tolerance": {"power": 10}}, "a number with its unit, like '10 %'"),
-        ({"reference": "a.yaml", "confirm": 1}, "greater than or equal to 2"),
+        ({"reference": "a.yaml", "false_alarms": 10}, "a number with its unit, like '10 %'"),
+        ({"reference": "a.yaml", "clear": 0}, "greater than or equal to 1"),
     ],
 )
 def test_wrong_settings_are_refused(content, text):
@@ -57,4 +58,13 @@ def test_memory_stays_bounded_at_rest(reference):
     stage = made(reference)
     for block in frames(np.tile([0.2, -0.8, 0.5], (80_000, 1)), np.full(80_000, 90.0), block=2000):
         stage.process(block, ())
-    assert len(stage._trace) <= 62 * 50
+    assert len(stage._cycles._watch._seen.time) <= 62 * 50
+
+
+def test_a_reference_without_whole_cycles_is_refused(reference, tmp_path):
+    content = yaml.safe_load(reference.read_text())
+    del content["power_model"], content["cycles"]
+    path = tmp_path / "old.yaml"
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(ModelError, match=rf"has no cycles; learn it again with `cellwatt reference .* --out {path}`"):
+        made(path)

@@ -25,6 +25,8 @@ def test_it_learns_and_says_what(healthy, tmp_path):
     assert result.stdout.splitlines() == [
         "task_1: 5 moves, 5 cycles at speed 1.00, 3 cycles at speed 0.60",
         "1 cycles not used: too few at their speed",
+        "whole cycles of task_1: 5 moves, 5 cycles at speed 1.00",
+        "whole cycles of task_1: 5 moves, 3 cycles at speed 0.60",
         f"written to {tmp_path / 'ref.yaml'}",
     ]
     assert load(tmp_path / "ref.yaml").robot == "plant"

@@ -19,7 +19,6 @@ from cellwatt.stage import CellInfo
 from cellwatt.tables import write_table
 from cellwatt_plugins.faults.api import learn_from
 from cellwatt_plugins.faults.on_reference import ReferenceStage
-from cellwatt_plugins.faults.reference import save
 from cellwatt_plugins.faults.stage import FaultsStage
 from cellwatt_plugins.segment import SegmentSettings, SegmentStage
 from tests.plugins.faults.plant import frames
@@ -40,8 +39,7 @@ def beside_another_arm(table: Frames) -> Frames:
 
 def learned(path: Path, blocks: Iterable[Frames], robot: str | None = None) -> Path:
     """The reference of healthy frames as a file."""
-    reference, _ = learn_from(blocks, robot, "arm", "supply.power")
-    save(reference, path)
+    learn_from(list(blocks), robot, "arm", "supply.power").save(path)
     return path
 
 
@@ -50,7 +48,7 @@ def watch(reference: Path, blocks: Sequence[Frames], kind: type[ReferenceStage] 
     cell, layout = CellInfo("plant", "cell", None, reference.parent), blocks[0].layout
     segment = SegmentStage("segment", SegmentSettings(), layout, cell)
     stage = kind("faults", kind.Settings(reference=Path(reference.name), **settings), layout, cell)
-    return [alarm for block in blocks for alarm in stage.process(block, segment.process(block, ()))]
+    return [*(alarm for block in blocks for alarm in stage.process(block, segment.process(block, ()))), *stage.close()]
 
 
 def write_recording(path: Path, time: np.ndarray, position: np.ndarray, power: np.ndarray) -> Path:

@@ -8,13 +8,29 @@ Power:              P = P_0 + g D,  D = Σ_j (q̇_j τ_j + c_j τ_j²),  g diffe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.robot import Arm, Body
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.drive import copper_gain, drawn
 from cellwatt_plugins.robot.motion import direction
+
+
+class Mechanics(Protocol):
+    """What is known of an arm's links: ``Body`` by a URDF, ``BareArm`` without one."""
+
+    @property
+    def joints(self) -> int:
+        """Number of joints, n."""
+
+    @property
+    def levers(self) -> Float:
+        """Travel (n,) that counts as 1 rad; see ``Body.levers``."""
+
+    def regressor(self, q: Float, qd: Float, qdd: Float) -> Float:
+        """Torques (N, n, 10 n) Nm of each of the links' parameters."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +42,7 @@ class Motion:
     qdd: Float
 
     @classmethod
-    def of(cls, body: Body, q: Float, qd: Float, qdd: Float) -> Motion:
+    def of(cls, body: Mechanics, q: Float, qd: Float, qdd: Float) -> Motion:
         """The motion of recorded positions, in which ``body.levers`` m of a prismatic joint are 1 rad."""
         return cls(q * body.levers, qd * body.levers, qdd * body.levers)
 

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, warm_up
+from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, step_effects, warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.off_path import Interpretation
 from cellwatt_plugins.faults.cycles.samples import Samples
@@ -79,7 +79,7 @@ def explain(
     """Explain the residual of one interpretation; ``inside`` (N, M + 1) is 1 for samples after each move's start."""
     load, shown = interpretation.load, [j for j in range(arm.body.joints) if j not in interpretation.silent]
     effects = [effect for joint in shown for effect in joint_effects(arm, load, joint)]
-    effects += part_effects(arm, load, inside)
+    effects += [*part_effects(arm, load, inside), *(step_effects(len(inside)) if arm.bare else ())]
     shared = [samples.harmless, interpretation.doubt, WARM * warm_up(arm.parameters, load)[:, None]]
     white = Whitener.of(samples.sigma, np.column_stack(shared), samples.group)
     search = _Search(arm, interpretation, white, effects, MOST_FAULTS - len(interpretation.stopped), fault_odds)

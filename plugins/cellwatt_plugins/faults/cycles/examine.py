@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.best_effects import WARM, BestExplanation, explain, odds_of, temper_of
-from cellwatt_plugins.faults.cycles.effects import PART, warm_up
+from cellwatt_plugins.faults.cycles.effects import LOAD, PART, warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
@@ -21,14 +21,17 @@ from cellwatt_plugins.faults.cycles.samples import Samples, sample
 from cellwatt_plugins.faults.cycles.weigh import fit
 from cellwatt_plugins.robot.regression import Products, Whitener
 
-LEAST = 2.0
-"""Smallest peak power of a reported fault, W."""
+LEAST, LEAST_BARE = 2.0, 4.0
+"""Smallest peak power of a reported fault, W, of an arm with and without a description."""
 BESIDE = 0.1
 """Smallest peak power of a further fault, as a share of the largest fault's: a smaller one may be a model error …"""
 BESIDE_STOPPED = 0.2
-"""… and if a joint stands still, as only the model gives the power that its motion would have needed."""
-CLOSE, CLOSE_YET = 3.0, 7.0
-"""Joints whose log odds differ by less than this cannot be distinguished, in a whole cycle and in a running one."""
+"""… and if a joint stands still, as only the model gives the power that its motion would have needed …"""
+BESIDE_BARE = 0.3
+"""… and for an arm without a description."""
+CLOSE, CLOSE_YET, CLOSE_YET_BARE = 3.0, 7.0, 20.0
+"""Joints whose log odds differ by less than this cannot be distinguished, in a whole cycle and in a running one, there
+also of an arm without a description."""
 CERTAIN = 3.0
 """Smallest warm-up that is reported, in its standard deviations."""
 
@@ -51,9 +54,9 @@ class Blame:
 @dataclass(frozen=True)
 class Verdict:
     """Findings on a cycle: ``residual`` (N,) W from healthy power at ``tau`` (N,) s of the pattern, with its noise
-    ``sigma`` (N,) W; ``encoders``: confidence by joint with a wrong encoder; ``part`` kg and ``warm`` share of friction
-    above the healthy value; ``misfit``: unexplained variance relative to the noise; ``foreign``: probability of another
-    task."""
+    ``sigma`` (N,) W; ``encoders``: confidence by joint with a wrong encoder; ``part`` kg above the healthy value, or of
+    a bare arm ``load`` as a share; ``warm`` share of friction above the healthy value; ``misfit``: unexplained variance
+    relative to the noise; ``foreign``: probability of another task."""
 
     tau: Float
     residual: Float
@@ -61,15 +64,18 @@ class Verdict:
     blames: tuple[Blame, ...]
     encoders: dict[int, float]
     part: float
+    load: float
     warm: float
     misfit: float
     foreign: float
 
 
-def examine(recording: Recording, match: Match, known: Known, until: float = math.inf) -> Verdict | None:
-    """The verdict on one cycle up to the pattern time ``until`` s; None if it has too few power samples."""
+def examine(
+    recording: Recording, match: Match, known: Known, until: float = math.inf, since: float = -math.inf
+) -> Verdict | None:
+    """The verdict on one cycle between two pattern times, s; None if it has too few power samples."""
     pattern, arm, odds = known.patterns[match.pattern], known.arm, odds_of(known.false_alarms)
-    samples = sample(recording, match, pattern, arm, until)
+    samples = sample(recording, match, pattern, arm, since, until)
     if samples is None:
         return None
     inside = _inside(pattern, samples.tau, until)
@@ -78,7 +84,7 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
     weights = _weights(answers, temper, match.known)
     best = _most_likely(answers, weights)
     chosen = best.interpretation
-    part, residual, gone = 0.0, chosen.residual, samples.residual - chosen.residual
+    part, more_load, residual, gone = 0.0, 0.0, chosen.residual, samples.residual - chosen.residual
     blames = [
         Blame(joint, cause, gone, sure := _stands(answers, weights, joint), (), sure)
         for joint, cause in chosen.causes
@@ -88,17 +94,19 @@ def examine(recording: Recording, match: Match, known: Known, until: float = mat
     for effect, sizes, watts in zip(best.effects, best.sizes, best.watts, strict=True):
         residual = residual - watts
         if effect.joint is None:
-            part = PART * float(sizes[0])
+            part = PART * float(sizes[0]) if effect.what == "part" else 0.0
+            more_load = LOAD * float(sizes[0]) if effect.what == "load" else 0.0
             continue
-        close = CLOSE if until == math.inf else CLOSE_YET
+        close = CLOSE if until == math.inf else CLOSE_YET_BARE if arm.bare else CLOSE_YET
         blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint, temper, close)))
-    beside = BESIDE_STOPPED if chosen.stopped else BESIDE
+    least, beside = (LEAST_BARE, BESIDE_BARE) if arm.bare else (LEAST, BESIDE_STOPPED if chosen.stopped else BESIDE)
     largest = max((np.abs(blame.watts).max() for blame in blames), default=0.0)
-    named = tuple(b for b in blames if b.what in STOPPED or np.abs(b.watts).max() >= max(LEAST, beside * largest))
+    named = tuple(b for b in blames if b.what in STOPPED or np.abs(b.watts).max() >= max(least, beside * largest))
     encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in chosen.causes if cause not in STOPPED}
     warm = _warm(arm, samples, best, residual)
     foreign = float(weights[[answer.interpretation.foreign for answer in answers]].sum() / weights.sum())
-    return Verdict(samples.tau, samples.residual, samples.sigma, named, encoders, part, warm, best.misfit, foreign)
+    shown = samples.tau, samples.residual, samples.sigma
+    return Verdict(*shown, named, encoders, part, more_load, warm, best.misfit, foreign)
 
 
 def _inside(pattern: Pattern, tau: Float, until: float) -> Float:

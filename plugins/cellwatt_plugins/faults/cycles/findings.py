@@ -135,6 +135,9 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     verdict = examine(recording, match, known, end + MARGIN)
     if verdict is None or _may_be_new(match, verdict):
         return _finding(match, pattern, "", (), end)
+    if known.arm.bare and verdict.misfit > UNEXPLAINED and last and not match.odd:
+        # A fault that has begun within the cycle explains the last move, not those before it.
+        verdict = examine(recording, match, known, end + MARGIN, pattern.moves[last - 1][1]) or verdict
     explained = verdict.misfit <= UNEXPLAINED
     blames = tuple(b for b in verdict.blames if b.what in STOPPED or (explained and b.certainty >= CERTAIN))
     certain = replace(verdict, blames=blames)

@@ -1,4 +1,4 @@
-"""Fits the parameters of an arm to the power of its healthy cycles, with its description as the prior."""
+"""Fits the parameters of an arm to the power of its healthy cycles, with its description, if any, as the prior."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, nominal
+from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion, Parameters, nominal
+from cellwatt_plugins.faults.cycles.bare_arm import BACK, GAIN, BareArm
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
-from cellwatt_plugins.robot import Arm, Body
+from cellwatt_plugins.robot import Arm
 from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.meter.model import Meter, Windows
 from cellwatt_plugins.robot.priors import body_prior, links_prior
@@ -27,8 +28,6 @@ SHARE = 0.03
 """Model error that no parameter explains, W, and as a share of the power above standing power (one sigma) …"""
 ALIKE = 0.2
 """… and the time over which it is correlated, s."""
-GAIN, BACK = 0.06, 0.4
-"""Deviation of the supply's gains from 1 while drives take and return power (one sigma)."""
 LOAD = 0.5
 """Mass that the last link may carry in addition to the description, kg …"""
 REACH = 0.1
@@ -37,11 +36,16 @@ REACH = 0.1
 
 @dataclass(frozen=True)
 class FittedArm:
-    """A robot's rigid body with the parameters fitted to healthy power, and their covariance (k, k)."""
+    """An arm's links with the parameters fitted to healthy power, and their covariance (k, k)."""
 
-    body: Body
+    body: Mechanics
     parameters: Parameters
     covariance: Float
+
+    @property
+    def bare(self) -> bool:
+        """True if the arm has no description."""
+        return isinstance(self.body, BareArm)
 
     @cached_property
     def deviations(self) -> Float:
@@ -49,12 +53,12 @@ class FittedArm:
         return np.asarray(np.linalg.cholesky(self.covariance))
 
 
-def identify(arm: Arm, patterns: Sequence[Pattern], meter: Meter | None) -> FittedArm:
-    """Fit an arm to the power of its healthy cycles, within the tolerances of its description (``robot.yaml``).
+def identify(arm: Arm | BareArm, patterns: Sequence[Pattern], meter: Meter | None) -> FittedArm:
+    """Fit an arm to the power of its healthy cycles, within the tolerances of its description (``robot.yaml``), if any.
 
     ``meter`` is the slow meter that measured the power; None if it was sampled.
     """
-    prior = _prior(arm)
+    prior = _prior(arm, patterns)
     # Inertia, friction and resistance must stay positive; link moments may be negative.
     least = np.where(prior.mean > 0, LEAST * prior.mean, -np.inf)
     equations = _Equations(arm.body, patterns, meter)
@@ -62,16 +66,18 @@ def identify(arm: Arm, patterns: Sequence[Pattern], meter: Meter | None) -> Fitt
     return with_covariance(arm, Parameters.unpacked(values, arm.joints), patterns, meter)
 
 
-def with_covariance(arm: Arm, parameters: Parameters, patterns: Sequence[Pattern], meter: Meter | None) -> FittedArm:
+def with_covariance(
+    arm: Arm | BareArm, parameters: Parameters, patterns: Sequence[Pattern], meter: Meter | None
+) -> FittedArm:
     """Return an arm with known parameters, and their covariance from these patterns."""
     equations = _Equations(arm.body, patterns, meter)(parameters.packed())
-    return FittedArm(arm.body, parameters, Fit(equations, _prior(arm)).covariance)
+    return FittedArm(arm.body, parameters, Fit(equations, _prior(arm, patterns)).covariance)
 
 
 class _Equations:
     """Equations of the patterns' power, linearised at given parameters (k,)."""
 
-    def __init__(self, body: Body, patterns: Sequence[Pattern], meter: Meter | None) -> None:
+    def __init__(self, body: Mechanics, patterns: Sequence[Pattern], meter: Meter | None) -> None:
         self.body, self.patterns, self.meter = body, patterns, meter
         self.motions = [Motion.of(body, p.position, *p.rates) for p in patterns]
         self.variance = np.concatenate([_variance(p) for p in patterns])
@@ -103,8 +109,10 @@ def _variance(pattern: Pattern) -> Float:
     return np.asarray(noise + MISFIT**2 + (SHARE * above) ** 2)
 
 
-def _prior(arm: Arm) -> Prior:
-    """Return the prior of the packed parameters (k,): the description within its tolerances."""
+def _prior(arm: Arm | BareArm, patterns: Sequence[Pattern]) -> Prior:
+    """Return the prior of the packed parameters (k,): the description within its tolerances, if there is one."""
+    if isinstance(arm, BareArm):
+        return arm.prior(patterns)
     start, t = nominal(arm), arm.description.tolerances
     links = links_prior(start.link, t.link).covariance
     links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD, REACH).covariance

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, friction, supply_power, torque
-from cellwatt_plugins.robot import Body
+from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion, Parameters, friction, supply_power, torque
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.effects import FRICTION
 from cellwatt_plugins.robot.effects.friction import Sliding
@@ -44,7 +43,7 @@ class Load:
         return np.concatenate(columns, axis=1)
 
 
-def load_of(body: Body, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
+def load_of(body: Mechanics, parameters: Parameters, motion: Motion, dead: Sequence[int] = ()) -> Load:
     """Compute the load of a motion; joints in ``dead`` take no power."""
     regressor = body.regressor(motion.q, motion.qd, motion.qdd)
     forces = torque(parameters, regressor, motion)

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 
 from cellwatt.arrays import Float, rows_of
 from cellwatt.errors import ModelError
+from cellwatt_plugins.faults.cycles.bare_arm import BareArm
 from cellwatt_plugins.faults.cycles.pattern import Pattern, Warp
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.faults.cycles.runs import without_jumps
@@ -28,7 +29,7 @@ NEAR = 0.15
 """Width over which the scatter of the meter's values is averaged, s of the pattern."""
 
 
-def with_meter(recording: Recording, arm: Arm) -> Recording:
+def with_meter(recording: Recording, arm: Arm | BareArm) -> Recording:
     """The recording with the slow meter that measured its power, if it was one.
 
     Raises ``ModelError`` if the motion does not show which time each value covers.
@@ -38,7 +39,8 @@ def with_meter(recording: Recording, arm: Arm) -> Recording:
         return recording
     q, qd, qdd = rates(without_jumps(recording.position), recording.step)
     # Rotors and friction may differ from the description: their power has weights of its own.
-    kinds = np.column_stack([kinds_of_power(arm.torque(q, qd, qdd), qd), qd * qdd, qd**2])
+    described = np.abs(qd) if isinstance(arm, BareArm) else kinds_of_power(arm.torque(q, qd, qdd), qd)
+    kinds = np.column_stack([described, qd * qdd, qd**2])
     meter = find([readings], [Course(recording.time, kinds)])
     if meter is None:
         raise ModelError(

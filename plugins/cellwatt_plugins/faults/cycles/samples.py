@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Motion
+from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load, load_of
 from cellwatt_plugins.faults.cycles.match import Match
 from cellwatt_plugins.faults.cycles.pattern import MARGIN, Pattern
 from cellwatt_plugins.faults.cycles.recording import Recording
 from cellwatt_plugins.noise import white_noise
-from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.meter.model import Meter, Readings
 from cellwatt_plugins.robot.samples import interpolated
 
@@ -27,8 +26,8 @@ UNSEEN_SHIFT = 0.05
 """… and for a move that no encoder shows."""
 SHARE = 0.01
 """Variation of a move's power between healthy cycles, as a share (one sigma)."""
-LEVEL = 2.0
-"""Variation of the supply's standing power, W (one sigma)."""
+LEVEL, LEVEL_BARE = 2.0, 10.0
+"""Variation of the supply's standing power, W (one sigma), of an arm with and without a description."""
 DOUBT = 2.0
 """Factor on the standard deviations of the model's parameters."""
 STANDING = 0.5
@@ -55,12 +54,14 @@ class Samples:
     group: int
 
 
-def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, until: float) -> Samples | None:
-    """The points of one cycle up to pattern time ``until`` s, without pauses and moves broken by a stop.
+def sample(
+    recording: Recording, match: Match, pattern: Pattern, arm: FittedArm, since: float, until: float
+) -> Samples | None:
+    """The points of one cycle between two pattern times, s, without pauses and moves broken by a stop.
 
     None if no value of the meter covers this cycle alone.
     """
-    time, watts, group = _measured(recording, match, pattern, until)
+    time, watts, group = _measured(recording, match, pattern, since, until)
     if len(time) < 2:
         return None
     tau, pace = match.warp.to_pattern(time), match.warp.pace(time)
@@ -74,7 +75,7 @@ def sample(recording: Recording, match: Match, pattern: Pattern, arm: FittedArm,
     slope = np.gradient(expected, time) if group == 1 else pace * np.interp(tau, pattern.time, pattern.slope)
     late = 0.0 if recording.meter is None else recording.meter.late_spread
     shared = _variation(match, pattern, tau, expected, slope, float(np.hypot(SHIFT, late)))
-    harmless = np.column_stack([shared, 0.1 * faster, unsure])
+    harmless = np.column_stack([np.full(len(tau), LEVEL_BARE if arm.bare else LEVEL), shared, 0.1 * faster, unsure])
     sigma = np.sqrt(noise**2 + spread**2)
     return Samples(time, tau, watts - expected, sigma, harmless, healthy, expected - healthy.power, group)
 
@@ -87,14 +88,16 @@ def inside_moves(pattern: Pattern, tau: Float, margin: float) -> NDArray[np.bool
     return inside
 
 
-def _measured(recording: Recording, match: Match, pattern: Pattern, until: float) -> tuple[Float, Float, int]:
+def _measured(
+    recording: Recording, match: Match, pattern: Pattern, since: float, until: float
+) -> tuple[Float, Float, int]:
     """Times and power of the points of the cycle, and the number of points per measured value."""
     begin, end = float(match.warp.t[0] - MARGIN), float(match.warp.t[-1] + MARGIN)
     if recording.meter is not None and recording.readings is not None:
         time, watts, group = _within_readings(recording.meter, recording.readings, begin, end)
     else:
         time, watts, group = *_means(recording, begin, end), 1
-    usable = _usable(match, pattern, time, until) & ~np.isnan(watts)
+    usable = _usable(match, pattern, time, since, until) & ~np.isnan(watts)
     usable = np.repeat(usable.reshape(-1, group).all(axis=1), group)
     return time[usable], watts[usable], group
 
@@ -119,17 +122,17 @@ def _means(recording: Recording, begin: float, end: float) -> tuple[Float, Float
     return time, recording.power[rows].reshape(count, width).mean(axis=1)
 
 
-def _usable(match: Match, pattern: Pattern, time: Float, until: float) -> NDArray[np.bool_]:
+def _usable(match: Match, pattern: Pattern, time: Float, since: float, until: float) -> NDArray[np.bool_]:
     """True for points outside pauses and interrupted moves, where power can be compared."""
     tau = match.warp.to_pattern(time)
-    usable = (tau < until) & ((match.warp.pace(time) > STANDING) | inside_moves(pattern, tau, MARGIN))
+    usable = (tau > since) & (tau < until) & ((match.warp.pace(time) > STANDING) | inside_moves(pattern, tau, MARGIN))
     for move in match.broken:
         start, end = pattern.moves[move]
         usable &= (tau < start) | (tau > end)
     return np.asarray(usable)
 
 
-def _motion(body: Body, pattern: Pattern, tau: Float, pace: Float) -> Motion:
+def _motion(body: Mechanics, pattern: Pattern, tau: Float, pace: Float) -> Motion:
     """The healthy motion at the pace of a cycle."""
     velocity, acceleration = (interpolated(tau, pattern.time, rate) for rate in pattern.rates)
     return Motion.of(body, pattern.position_at(tau), velocity * pace[:, None], acceleration * pace[:, None] ** 2)
@@ -145,10 +148,10 @@ def _spread(pattern: Pattern) -> Float:
 
 
 def _variation(match: Match, pattern: Pattern, tau: Float, expected: Float, slope: Float, shift: float) -> Float:
-    """Columns (N, h) W, one sigma each: level of the supply, timing and power of each move."""
+    """Columns (N, h) W, one sigma each: timing and power of each move."""
     resting = expected[~inside_moves(pattern, tau, 0.0)]
     level = float(np.median(resting)) if len(resting) else float(expected.min())
-    columns = [np.full(len(tau), LEVEL)]
+    columns = []
     for move, (start, end) in enumerate(pattern.moves):
         here = (tau >= start - MARGIN) & (tau <= end + MARGIN)
         columns.append(np.where(here, slope * (UNSEEN_SHIFT if move in match.unseen else shift), 0.0))

@@ -80,8 +80,13 @@ def _unit(count: int) -> Prior:
 def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: Sequence[Float]) -> Bent:
     """Nonlinear power of effects of these sizes, with its slope and uncertainty."""
     before = load.drives.sum(axis=1)
-    more, slopes, doubts = np.zeros(len(before)), [], [np.empty((len(before), 0))]
+    more, beside, doubts = np.zeros(len(before)), np.zeros(len(before)), [np.empty((len(before), 0))]
+    slopes: list[tuple[bool, Float]] = []
     for effect, size in zip(effects, sizes, strict=True):
+        if effect.at_supply:
+            beside += effect.columns @ size
+            slopes.append((True, effect.columns))
+            continue
         slope = effect.columns / load.gain[:, None]
         more += slope @ size
         if effect.joint is not None and effect.torque is not None:
@@ -90,11 +95,12 @@ def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: S
             slope = slope + 2 * copper * extra[:, None] * effect.torque
             if extra.any():
                 doubts.append(load.gain[:, None] * _doubt(load, effect.what, effect.joint, extra, copper))
-        slopes.append(slope)
+        slopes.append((False, slope))
     after = before + more
     gain = np.where(after > 0, parameters.drive, parameters.regenerate)
-    power = gain * after - load.gain * before
-    return Bent(power, gain[:, None] * np.column_stack(slopes), np.column_stack(doubts))
+    power = gain * after - load.gain * before + beside
+    slope = np.column_stack([each if at_supply else gain[:, None] * each for at_supply, each in slopes])
+    return Bent(power, slope, np.column_stack(doubts))
 
 
 def _doubt(load: Load, what: str, joint: int, extra: Float, copper: float) -> Float:

@@ -10,14 +10,13 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.frames import Frames
 from cellwatt_plugins.faults.criteria import Codes, Tolerance
-from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
+from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
 from cellwatt_plugins.faults.paper.following import CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.trace import segmented
-from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
 
@@ -66,7 +65,7 @@ def column_of(cycles: Sequence[Codes]) -> Codes:
     return np.where(share[0] > 0.5, 1, np.where(share[1] > 0.5, -1, 0)).astype(np.int8)
 
 
-def _motion(body: Body, readings: Readings) -> Motion:
+def _motion(body: Mechanics, readings: Readings) -> Motion:
     return Motion.of(body, readings.q, *differentiate(readings.q, float(readings.t[1] - readings.t[0])))
 
 

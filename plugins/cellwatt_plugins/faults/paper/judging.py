@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
+from cellwatt.arrays import Float
 from cellwatt_plugins.faults.criteria import Codes, Tolerance, sustained, ternary
-from cellwatt_plugins.faults.isolate import TIE, agreement
 from cellwatt_plugins.faults.paper.codes import FRAMES, Residual, of_energy, of_samples
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings, resampled
 from cellwatt_plugins.faults.paper.network import FaultNetwork
@@ -26,6 +26,8 @@ REACH = 0.1
 """Largest shift of an interval, s, before or after its expected time, as rests vary …"""
 SHIFTS = 20
 """… and the number of steps tried on each side."""
+TIE = 0.05
+"""Joints whose agreement is lower than the best by at most this are alternatives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +133,19 @@ def by_codes(verdicts: Sequence[IntervalVerdict], isolate: Isolation) -> tuple[N
 def codes_of(expected: Sequence[ExpectedInterval], cycle: Readings, tolerance: Tolerance) -> Codes:
     """Codes (20) of a cycle, (intervals,); those of a cycle with a known fault are the fault's column of the table."""
     return np.array([judge_interval(interval, cycle, tolerance).code for interval in expected], np.int8)
+
+
+def agreement(codes: Codes, expected: Codes, *, signed: bool = False) -> Float:
+    """Agreement (joints,) 0 … 1 of the codes (k,) of k intervals with each joint's column of ``expected`` (k, joints).
+
+    ``expected`` is nonzero where a fault of the joint changes the power: 1 where the joint moves, or if ``signed``
+    the code from a fault table.
+    """
+    hit = (codes[:, None] != 0) & (expected != 0)
+    if signed:
+        hit &= codes[:, None] == expected
+    either = (codes[:, None] != 0) | (expected != 0)
+    return np.asarray(hit.sum(axis=0) / np.maximum(either.sum(axis=0), 1), dtype=np.float64)
 
 
 def by_agreement(table: Codes, *, signed: bool = False) -> Isolation:

@@ -9,8 +9,9 @@ from typing import Any
 from cellwatt.alarms import AlarmBook
 from cellwatt.errors import ModelError
 from cellwatt.frames import Frames, Layout
-from cellwatt.results import Alarm, Result
+from cellwatt.results import Alarm, Interval, Result
 from cellwatt.stage import CellInfo
+from cellwatt_plugins.faults.criteria import Tolerance
 from cellwatt_plugins.faults.on_reference import ReferenceSettings, ReferenceStage
 from cellwatt_plugins.faults.paper.codes import Residual
 from cellwatt_plugins.faults.paper.course import Course, Key, courses_of
@@ -26,6 +27,7 @@ from cellwatt_plugins.faults.paper.judging import (
 )
 from cellwatt_plugins.faults.paper.network import FaultNetwork
 from cellwatt_plugins.faults.paper.pattern import by_equations
+from cellwatt_plugins.faults.trace import Trace, in_angles
 from cellwatt_plugins.travel import residual, travel_text
 
 TRAIN = "train it with `cellwatt faults train`"
@@ -73,6 +75,8 @@ _WHAT = {
 class PaperFaultsSettings(ReferenceSettings):
     """Compares whole cycles with healthy ones at equal times, as Sabry et al. do: fixed tolerances, fault tables."""
 
+    tolerance: Tolerance = Tolerance()
+    """Largest distance from the reference that counts as healthy."""
     network: Path | None = None
     """Network of a task made by ``cellwatt faults train`` (ONNX), or a folder with several; without it, the joint is
     named by comparison with the motion."""
@@ -100,7 +104,8 @@ class PaperFaultsStage(ReferenceStage[PaperFaultsSettings]):
 
     def process(self, frames: Frames, upstream: Sequence[Result]) -> Sequence[Result]:
         """Return the alarms that changed with this block."""
-        block, intervals = self._seen(frames, upstream)
+        found = [r for r in upstream if isinstance(r, Interval) and r.source == self._source]
+        block, intervals = in_angles(Trace.of(frames, self._positions, self._power), found, self._levers)
         return [alarm for cycle in self._following.feed(block, intervals) for alarm in self._take(cycle)]
 
     def _take(self, cycle: CycleSoFar) -> list[Alarm]:

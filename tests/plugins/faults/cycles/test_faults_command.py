@@ -95,7 +95,15 @@ def test_the_page_has_the_pictures_and_the_numbers_of_the_findings(folder, tmp_p
     assert {str(folder / name) for name in ("test.parquet", "reference.yaml")} < {r[0] for r in page.tables["Files"]}
 
 
-def test_a_reference_without_cycles_is_refused(folder, tmp_path):
+def test_cycles_are_judged_without_a_description(folder, tmp_path):
+    known = ("--reference", tmp_path / "bare.yaml")
+    assert called(reference, folder / "reference.parquet", "--out", tmp_path / "bare.yaml").exit_code == 0
+    first, second = json.loads(called(faults, folder / "test.parquet", *known, "--json").stdout)["cycles"]
+    assert (first["status"], second["status"]) == ("healthy", "fault")
+    assert [(f["joint"], f["kind"]) for f in second["faults"]] == [(1, "joint")]
+
+
+def test_a_reference_learned_without_the_robot_is_refused_with_it(folder, tmp_path):
     called(reference, folder / "reference.parquet", "--out", tmp_path / "bare.yaml")
     result = judge(folder, "--reference", tmp_path / "bare.yaml")
     assert isinstance(result.exception, ModelError)

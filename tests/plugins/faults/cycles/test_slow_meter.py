@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from cellwatt.errors import ModelError
 from cellwatt_plugins.faults.command import reference
+from cellwatt_plugins.faults.cycles.bare_arm import BareArm
 from cellwatt_plugins.faults.cycles.findings import TOO_SLOW, judge_recording
 from cellwatt_plugins.faults.cycles.known import learn_known, restored, stored
 from cellwatt_plugins.faults.cycles.learn import learn_patterns
@@ -93,3 +95,10 @@ def test_cycles_shorter_than_the_window_of_the_meter_are_not_learnt(known):
     meter = replace(known.meter, window=9.0, interval=9.0)
     with pytest.raises(ModelError, match=r"task_1: fewer than 2 values of the power meter .* over 9 s"):
         learn_patterns(Recording(healthy.time, healthy.position, held, meter))
+
+
+def test_a_bare_arm_is_judged_by_a_slow_meter(recording):
+    bare = learn_known(through(run(HEALTHY, seed=1), 0.4), BareArm(np.ones(recording.joints)))
+    assert bare.meter is not None
+    assert bare.meter.window == pytest.approx(WINDOW, abs=0.02)
+    assert [bool(named) for named in names(judge_recording(recording, bare))] == [bool(named) for named in NAMED]

