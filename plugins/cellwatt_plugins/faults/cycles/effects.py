@@ -14,10 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Parameters, friction
+from cellwatt_plugins.faults.cycles.arm import Parameters, friction, heft
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.regression import Whitener
 
 SPRING = 10.0
 """A spring's stiffness per radian and its offset torque, relative to the joint's Coulomb friction (one sigma)."""
@@ -26,14 +27,19 @@ AT_REST = math.radians(2.0)
 LEAST_UNHELD, MOST_UNHELD = 0.5, 1.5
 """… and if its motor does not hold it, all its holding power is missing: between these shares of the model's value."""
 PART = 0.3
-REACH = 0.06
-UNSURE = 0.03
-"""Change of a part's mass, kg (one sigma), its distance from the last link's frame, m, and that distance's sigma, m."""
+"""Change of a part's mass, kg (one sigma), …"""
+REACH, UNSURE = 0.06, 0.03
+"""… its distance from the last link's frame and that distance's sigma, m, all of an arm of ``USUAL_MASS``."""
+SWITCHED = 5.0
+"""Power of a load of the supply, as a fan, that switches during a cycle, W (one sigma)."""
+FIRST, STRIDE = 8, 5
+"""Points from either end of a cycle within which no switching is looked for, and between the moments tried first."""
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """``columns`` (N, k) W per sigma of each size; ``joint`` 0-based, None for a part in the gripper.
+    """``columns`` (N, k) W per sigma of each size; ``joint`` 0-based, None for a part in the gripper or a load of the
+    supply, whose first size has the ``sigma`` kg or W.
 
     ``torque`` (N, k) Nm at the joint per sigma, None if the effect is not a torque.
     """
@@ -42,6 +48,7 @@ class Effect:
     joint: int | None
     columns: Float
     torque: Float | None = None
+    sigma: float = 1.0
 
     @property
     def harmless(self) -> bool:
@@ -77,11 +84,28 @@ def part_effects(arm: FittedArm, load: Load, inside: Float) -> Iterator[Effect]:
     centre = arm.parameters.link[-9:-6]
     direction = centre / max(float(np.linalg.norm(centre)), 1e-9)
     moment = np.einsum("ij,ijk,k->i", load.lever, last[:, :, 1:4], direction)
-    mass = PART * (np.einsum("ij,ij->i", load.lever, last[:, :, 0]) + REACH * moment)
-    distance = PART * UNSURE * moment
+    part, longer = PART * heft(arm.parameters.link), np.cbrt(heft(arm.parameters.link))
+    mass = part * (np.einsum("ij,ij->i", load.lever, last[:, :, 0]) + longer * REACH * moment)
+    distance = part * longer * UNSURE * moment
     for begin, end in combinations(range(inside.shape[1]), 2):
         held = inside[:, begin] - inside[:, end]
-        yield Effect("part", None, np.column_stack([mass, distance]) * held[:, None])
+        yield Effect("part", None, np.column_stack([mass, distance]) * held[:, None], sigma=part)
+
+
+def supply_effects(white: Whitener, residual: Float, points: int) -> Iterator[Effect]:
+    """A load of the supply that switches once, at the moment that explains a white residual best."""
+    point = np.arange(points)[:, None]
+
+    def best(moments: range) -> int:
+        columns = white(SWITCHED * (point >= np.array(moments)).astype(np.float64))
+        return moments[int(np.argmax((residual @ columns) ** 2 / (1 + np.square(columns).sum(axis=0))))]
+
+    if points > 2 * FIRST:
+        about = best(range(FIRST, points - FIRST, STRIDE))
+        moment = best(range(max(FIRST, about - STRIDE), min(points - FIRST, about + STRIDE)))
+        # It switches within this point or the one before it, each a mean over a time.
+        within = np.hstack([point >= moment, point == moment - 1, point == moment]).astype(np.float64)
+        yield Effect("switched", None, SWITCHED * within, sigma=SWITCHED)
 
 
 def warm_up(parameters: Parameters, load: Load) -> Float:

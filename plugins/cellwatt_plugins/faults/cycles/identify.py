@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, nominal
+from cellwatt_plugins.faults.cycles.arm import Motion, Parameters, heft, nominal
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
 from cellwatt_plugins.robot import Arm, Body
@@ -32,7 +32,7 @@ GAIN, BACK = 0.06, 0.4
 LOAD = 0.5
 """Mass that the last link may carry in addition to the description, kg …"""
 REACH = 0.1
-"""… and its largest distance from the link's frame, m."""
+"""… and its largest distance from the link's frame, m, of an arm of ``USUAL_MASS``."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,9 @@ def _variance(pattern: Pattern) -> Float:
 def _prior(arm: Arm) -> Prior:
     """Return the prior of the packed parameters (k,): the description within its tolerances."""
     start, t = nominal(arm), arm.description.tolerances
+    more = heft(start.link)
     links = links_prior(start.link, t.link).covariance
-    links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD, REACH).covariance
+    links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD * more, REACH * np.cbrt(more)).covariance
     own = [
         t.rotor_inertia * start.rotor,
         t.friction * start.coulomb,
