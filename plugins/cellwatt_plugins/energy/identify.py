@@ -117,7 +117,7 @@ class Identified:
     def drawn(self, generator: np.random.Generator, count: int) -> list[Drive]:
         """Random parameters within their uncertainty."""
         root = np.linalg.cholesky(self.covariance + 1e-12 * np.eye(len(self.covariance)))
-        centre = _vector(self.drive)
+        centre = np.concatenate([[self.drive.fixed], self.drive.weights(), [self.drive.returned]])
         return [_drive(centre + root @ generator.standard_normal(len(centre))) for _ in range(count)]
 
 
@@ -198,10 +198,6 @@ def _prior(drive: Drive, belief: Belief) -> Prior:
         alike = (share * common) ** 2 * np.eye(n) + (FREE * common) ** 2
         parts.append(Prior(np.zeros(n), alike))
     return Prior.joined(*parts, Prior.spread(np.array([RETURNED[1]]), RETURNED[0]))
-
-
-def _vector(drive: Drive) -> Float:
-    return np.concatenate([[drive.fixed], drive.weights(), [drive.returned]])
 
 
 def _drive(vector: Float) -> Drive:

@@ -93,12 +93,8 @@ def _stays(motion: RobotTrace, noise: float) -> list[tuple[int, int]]:
         pose = np.median(motion.position[a:b], axis=0)
         at = np.all(np.abs(motion.position - pose) < 6 * noise, axis=1)
         stays = [(c, d) for c, d in stretches(at | _gaps(at, 3)) if d - c >= least]
-        best = max(best, stays, key=_length)
+        best = max(best, stays, key=lambda spans: sum(b - a for a, b in spans))
     return best
-
-
-def _length(stays: list[tuple[int, int]]) -> int:
-    return sum(b - a for a, b in stays)
 
 
 def _gaps(flags: NDArray[np.bool_], longest: int) -> NDArray[np.bool_]:

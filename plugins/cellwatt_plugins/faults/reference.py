@@ -186,8 +186,10 @@ class Reference(_Strict):
 
 def save(reference: Reference, path: Path) -> None:
     """Write the YAML file. Raises ``CellwattError`` if it cannot be written."""
-    content = _plain(_content(reference))
-    write_file(path, yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=118))
+    content = asdict(reference)
+    if reference.power_model is None:
+        del content["power_model"], content["cycles"]
+    write_file(path, yaml.dump(_plain(content), Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=118))
 
 
 def load(path: Path) -> Reference:
@@ -209,14 +211,6 @@ def _check(reference: Reference) -> Iterator[tuple[KeyPath, str]]:
                     yield place, "moving and position must name the same joints, at least one"
                 if not all(1 <= joint <= reference.joints for joint in interval.moving):
                     yield (*place, "moving"), f"joints are numbered 1 to {reference.joints}"
-
-
-def _content(reference: Reference) -> dict[str, Any]:
-    """The reference as a dictionary, without ``power_model`` and ``cycles`` if no arm was fitted."""
-    content = asdict(reference)
-    if reference.power_model is None:
-        del content["power_model"], content["cycles"]
-    return content
 
 
 def _plain(value: Any) -> Any:

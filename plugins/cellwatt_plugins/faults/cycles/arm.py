@@ -14,8 +14,12 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.robot import Arm
+from cellwatt_plugins.robot.body import PER_LINK
 from cellwatt_plugins.robot.drive import copper_gain, drawn
 from cellwatt_plugins.robot.motion import direction
+
+USUAL_MASS = 43.0
+"""Mass of an arm that carries parts of a few kilograms, kg; what a larger arm carries grows with its mass."""
 
 
 class Mechanics(Protocol):
@@ -72,6 +76,11 @@ class Parameters:
         cuts = np.cumsum([10 * joints, joints, joints, joints, joints])
         link, rotor, coulomb, viscous, copper, tail = np.split(values, cuts)
         return cls(link, rotor, coulomb, viscous, copper, float(tail[0]), float(tail[1]), float(tail[2]))
+
+
+def heft(link: Float) -> float:
+    """Mass of the links relative to ``USUAL_MASS``; 1 for a lighter arm, whose parts may weigh as much."""
+    return max(1.0, float(link[::PER_LINK].sum()) / USUAL_MASS)
 
 
 def nominal(arm: Arm) -> Parameters:

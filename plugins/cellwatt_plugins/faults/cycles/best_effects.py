@@ -1,4 +1,4 @@
-"""Finds the few effects that best explain a residual: at most a part of another weight and two faults."""
+"""Finds the few effects that best explain a residual: at most one harmless effect and two faults."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from itertools import combinations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, step_effects, warm_up
+from cellwatt_plugins.faults.cycles.arm import Parameters
+from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects, part_effects, supply_effects, warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.off_path import Interpretation
 from cellwatt_plugins.faults.cycles.samples import Samples
@@ -20,7 +21,7 @@ from cellwatt_plugins.robot.regression import Products, Whitener
 WARM = 0.15
 """Harmless change of the friction of all joints, as a share (one sigma)."""
 PART_ODDS = 6.0
-"""Log odds against a part of another weight that is held in certain moves …"""
+"""Log odds against a part of another weight that is held in certain moves, or a load of the supply that switches …"""
 FAULT_ODDS, USUAL_RATE = 7.0, 1e-4
 """… and against a given fault in a cycle, for this accepted share of healthy intervals with a false alarm."""
 MOST_FAULTS = 2
@@ -54,10 +55,6 @@ class BestExplanation:
     rivals: tuple[dict[int, tuple[float, float]], ...]
     misfit: float
 
-    def score(self, temper: float) -> float:
-        """Posterior log odds up to a constant of the cycle, with the evidence divided by ``temper``."""
-        return self.likelihood / temper - self.odds
-
 
 def temper_of(misfit: float) -> float:
     """Factor by which a residual variance ``misfit`` weakens the evidence, as model errors are not white noise."""
@@ -79,10 +76,11 @@ def explain(
     """Explain the residual of one interpretation; ``inside`` (N, M + 1) is 1 for samples after each move's start."""
     load, shown = interpretation.load, [j for j in range(arm.body.joints) if j not in interpretation.silent]
     effects = [effect for joint in shown for effect in joint_effects(arm, load, joint)]
-    effects += [*part_effects(arm, load, inside), *(step_effects(len(inside)) if arm.bare else ())]
+    effects += part_effects(arm, load, inside)
     shared = [samples.harmless, interpretation.doubt, WARM * warm_up(arm.parameters, load)[:, None]]
     white = Whitener.of(samples.sigma, np.column_stack(shared), samples.group)
-    search = _Search(arm, interpretation, white, effects, MOST_FAULTS - len(interpretation.stopped), fault_odds)
+    effects += supply_effects(white, white(interpretation.residual), len(samples.tau))
+    search = _Search(arm.parameters, interpretation, white, effects, fault_odds)
     best: tuple[int, ...] = ()
     while (better := search.extended(best)) is not None:
         best = search.settled(better)
@@ -104,17 +102,11 @@ class _Search:
     """Compares sets of effects (as indices) by evidence and prior odds; a set has at most ``room`` faults."""
 
     def __init__(
-        self,
-        arm: FittedArm,
-        interpretation: Interpretation,
-        white: Whitener,
-        effects: Sequence[Effect],
-        room: int,
-        fault_odds: float,
+        self, parameters: Parameters, given: Interpretation, white: Whitener, effects: Sequence[Effect], odds: float
     ) -> None:
-        self.effects, self.room, self._white, self._fault_odds = effects, room, white, fault_odds
-        self._parameters, self._load = arm.parameters, interpretation.load
-        self.residual = white(interpretation.residual)
+        self.effects, self._white, self._fault_odds = effects, white, odds
+        self._parameters, self._load = parameters, given.load
+        self.room, self.residual = MOST_FAULTS - len(given.stopped), white(given.residual)
         ends = np.cumsum([e.columns.shape[1] for e in effects])
         self._columns = [np.arange(end - e.columns.shape[1], end) for e, end in zip(effects, ends, strict=True)]
         self._straight = Products.of(white(np.column_stack([e.columns for e in effects])), self.residual)

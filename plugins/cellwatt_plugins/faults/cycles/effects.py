@@ -14,10 +14,11 @@ from itertools import combinations
 import numpy as np
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Parameters, friction
+from cellwatt_plugins.faults.cycles.arm import Parameters, friction, heft
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.load import Load
 from cellwatt_plugins.robot.motion import direction
+from cellwatt_plugins.robot.regression import Whitener
 
 SPRING = 10.0
 """A spring's stiffness per radian and its offset torque, relative to the joint's Coulomb friction (one sigma)."""
@@ -26,20 +27,22 @@ AT_REST = math.radians(2.0)
 LEAST_UNHELD, MOST_UNHELD = 0.5, 1.5
 """… and if its motor does not hold it, all its holding power is missing: between these shares of the model's value."""
 PART = 0.3
-REACH = 0.06
-UNSURE = 0.03
-"""Change of a part's mass, kg (one sigma), its distance from the last link's frame, m, and that distance's sigma, m."""
-STEP, STEP_EVERY = 20.0, 2
-"""A step of the supply's level, W (one sigma), and the number of samples between the steps that are tried; the power of
-these samples is open."""
+"""Change of a part's mass, kg (one sigma), …"""
+REACH, UNSURE = 0.06, 0.03
+"""… its distance from the last link's frame and that distance's sigma, m, all of an arm of ``USUAL_MASS``."""
 LOAD, MOST_LOAD = 0.1, 3.0
 """Change of the load of a bare arm by a part, as a share: of all joints together and of each (one sigma); and the
 largest change, in sigmas."""
+SWITCHED = 10.0
+"""Power of a load of the supply, as a fan, that switches during a cycle, W (one sigma)."""
+FIRST, STRIDE = 8, 5
+"""Points from either end of a cycle within which no switching is looked for, and between the moments tried first."""
 
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """``columns`` (N, k) W per sigma of each size; ``joint`` 0-based, None for a part in the gripper.
+    """``columns`` (N, k) W per sigma of each size; ``joint`` 0-based, None for a part in the gripper or a load of the
+    supply, whose first size has the ``sigma`` kg (a share of the load, for a bare arm) or W.
 
     ``torque`` (N, k) Nm at the joint per sigma, None if the effect is not a torque.
     """
@@ -50,6 +53,7 @@ class Effect:
     torque: Float | None = None
     at_supply: bool = False
     """True if the power is drawn beside the drives, and never returned."""
+    sigma: float = 1.0
 
     @property
     def harmless(self) -> bool:
@@ -83,19 +87,13 @@ def joint_effects(arm: FittedArm, load: Load, joint: int) -> Iterator[Effect]:
 
 def part_effects(arm: FittedArm, load: Load, inside: Float) -> Iterator[Effect]:
     """A heavier or lighter part, held between any two moves; ``inside`` (N, M + 1) is 1 after each move's start."""
-    what, columns = ("load", _load_columns(arm, load)) if arm.bare else ("part", _part_columns(arm, load))
+    if arm.bare:
+        what, sigma, columns = "load", LOAD, _load_columns(arm, load)
+    else:
+        what, sigma, columns = "part", PART * heft(arm.parameters.link), _part_columns(arm, load)
     for begin, end in combinations(range(inside.shape[1]), 2):
         held = inside[:, begin] - inside[:, end]
-        yield Effect(what, None, columns * held[:, None])
-
-
-def step_effects(count: int) -> Iterator[Effect]:
-    """A step of the supply's level within ``count`` samples, as by a fan that is switched."""
-    for begin in range(STEP_EVERY, count - STEP_EVERY, STEP_EVERY):
-        columns = np.zeros((count, 1 + STEP_EVERY))
-        columns[begin + STEP_EVERY :, 0] = STEP
-        columns[begin : begin + STEP_EVERY, 1:] = STEP * np.eye(STEP_EVERY)
-        yield Effect("step", None, columns, at_supply=True)
+        yield Effect(what, None, columns * held[:, None], sigma=sigma)
 
 
 def _load_columns(arm: FittedArm, load: Load) -> Float:
@@ -110,8 +108,25 @@ def _part_columns(arm: FittedArm, load: Load) -> Float:
     centre = arm.parameters.link[-9:-6]
     direction = centre / max(float(np.linalg.norm(centre)), 1e-9)
     moment = np.einsum("ij,ijk,k->i", load.lever, last[:, :, 1:4], direction)
-    mass = PART * (np.einsum("ij,ij->i", load.lever, last[:, :, 0]) + REACH * moment)
-    return np.column_stack([mass, PART * UNSURE * moment])
+    part, longer = PART * heft(arm.parameters.link), np.cbrt(heft(arm.parameters.link))
+    mass = part * (np.einsum("ij,ij->i", load.lever, last[:, :, 0]) + longer * REACH * moment)
+    return np.column_stack([mass, part * longer * UNSURE * moment])
+
+
+def supply_effects(white: Whitener, residual: Float, points: int) -> Iterator[Effect]:
+    """A load of the supply that switches once, at the moment that explains a white residual best."""
+    point = np.arange(points)[:, None]
+
+    def best(moments: range) -> int:
+        columns = white(SWITCHED * (point >= np.array(moments)).astype(np.float64))
+        return moments[int(np.argmax((residual @ columns) ** 2 / (1 + np.square(columns).sum(axis=0))))]
+
+    if points > 2 * FIRST:
+        about = best(range(FIRST, points - FIRST, STRIDE))
+        moment = best(range(max(FIRST, about - STRIDE), min(points - FIRST, about + STRIDE)))
+        # It switches within this point or the one before it, each a mean over a time.
+        within = np.hstack([point >= moment, point == moment - 1, point == moment]).astype(np.float64)
+        yield Effect("switched", None, SWITCHED * within, at_supply=True, sigma=SWITCHED)
 
 
 def warm_up(parameters: Parameters, load: Load) -> Float:

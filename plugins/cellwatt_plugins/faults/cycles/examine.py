@@ -10,7 +10,7 @@ import numpy as np
 
 from cellwatt.arrays import Float
 from cellwatt_plugins.faults.cycles.best_effects import WARM, BestExplanation, explain, odds_of, temper_of
-from cellwatt_plugins.faults.cycles.effects import LOAD, PART, warm_up
+from cellwatt_plugins.faults.cycles.effects import warm_up
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.cycles.known import Known
 from cellwatt_plugins.faults.cycles.match import Match
@@ -54,17 +54,16 @@ class Blame:
 @dataclass(frozen=True)
 class Verdict:
     """Findings on a cycle: ``residual`` (N,) W from healthy power at ``tau`` (N,) s of the pattern, with its noise
-    ``sigma`` (N,) W; ``encoders``: confidence by joint with a wrong encoder; ``part`` kg above the healthy value, or of
-    a bare arm ``load`` as a share; ``warm`` share of friction above the healthy value; ``misfit``: unexplained variance
-    relative to the noise; ``foreign``: probability of another task."""
+    ``sigma`` (N,) W; ``encoders``: confidence by joint with a wrong encoder; ``harmless``: kg of a part (share of the
+    load, of a bare arm), or W of the supply since a moment in the cycle, and ``warm`` share of friction, above the
+    healthy value; ``misfit``: unexplained variance relative to the noise; ``foreign``: probability of another task."""
 
     tau: Float
     residual: Float
     sigma: Float
     blames: tuple[Blame, ...]
     encoders: dict[int, float]
-    part: float
-    load: float
+    harmless: dict[str, float]
     warm: float
     misfit: float
     foreign: float
@@ -84,18 +83,18 @@ def examine(
     weights = _weights(answers, temper, match.known)
     best = _most_likely(answers, weights)
     chosen = best.interpretation
-    part, more_load, residual, gone = 0.0, 0.0, chosen.residual, samples.residual - chosen.residual
+    residual, gone = chosen.residual, samples.residual - chosen.residual
     blames = [
         Blame(joint, cause, gone, sure := _stands(answers, weights, joint), (), sure)
         for joint, cause in chosen.causes
         if cause in STOPPED
     ]
+    harmless: dict[str, float] = {}
     rivals = iter(best.rivals)
     for effect, sizes, watts in zip(best.effects, best.sizes, best.watts, strict=True):
         residual = residual - watts
         if effect.joint is None:
-            part = PART * float(sizes[0]) if effect.what == "part" else 0.0
-            more_load = LOAD * float(sizes[0]) if effect.what == "load" else 0.0
+            harmless[effect.what] = effect.sigma * float(sizes[0])
             continue
         close = CLOSE if until == math.inf else CLOSE_YET_BARE if arm.bare else CLOSE_YET
         blames.append(Blame(effect.joint, effect.what, watts, *_standing(next(rivals), effect.joint, temper, close)))
@@ -105,8 +104,7 @@ def examine(
     encoders = {j: 1.0 - _stands(answers, weights, j) for j, cause in chosen.causes if cause not in STOPPED}
     warm = _warm(arm, samples, best, residual)
     foreign = float(weights[[answer.interpretation.foreign for answer in answers]].sum() / weights.sum())
-    shown = samples.tau, samples.residual, samples.sigma
-    return Verdict(*shown, named, encoders, part, more_load, warm, best.misfit, foreign)
+    return Verdict(samples.tau, samples.residual, samples.sigma, named, encoders, harmless, warm, best.misfit, foreign)
 
 
 def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
@@ -117,8 +115,9 @@ def _inside(pattern: Pattern, tau: Float, until: float) -> Float:
 
 
 def _weights(answers: Sequence[BestExplanation], temper: float, foreign: float) -> Float:
-    """Probability of each explanation, up to a common factor; ``foreign``: log odds against another task."""
-    scores = np.array([answer.score(temper) - foreign * answer.interpretation.foreign for answer in answers])
+    """Probability of each explanation, up to a common factor, with the evidence divided by ``temper``; ``foreign``: log
+    odds against another task."""
+    scores = np.array([a.likelihood / temper - a.odds - foreign * a.interpretation.foreign for a in answers])
     return np.asarray(np.exp(scores - scores.max()))
 
 

@@ -130,9 +130,7 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     pattern = known.patterns[match.pattern]
     last = int(np.searchsorted([end for _, end in pattern.moves], match.warp.tau[-1] - pattern.step))
     end = pattern.moves[last][1]
-    if _measured(recording, match) < MEASURED:
-        return _finding(match, pattern, NOT_JUDGED, (), end)
-    verdict = examine(recording, match, known, end + MARGIN)
+    verdict = examine(recording, match, known, end + MARGIN) if _measured(recording, match) >= MEASURED else None
     if verdict is None or _may_be_new(match, verdict):
         return _finding(match, pattern, "", (), end)
     if known.arm.bare and verdict.misfit > UNEXPLAINED and last and not match.odd:

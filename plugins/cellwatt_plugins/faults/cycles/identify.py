@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from cellwatt.arrays import Float
-from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion, Parameters, nominal
+from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion, Parameters, heft, nominal
 from cellwatt_plugins.faults.cycles.bare_arm import BACK, GAIN, BareArm
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.pattern import Pattern
@@ -31,7 +31,7 @@ ALIKE = 0.2
 LOAD = 0.5
 """Mass that the last link may carry in addition to the description, kg …"""
 REACH = 0.1
-"""… and its largest distance from the link's frame, m."""
+"""… and its largest distance from the link's frame, m, of an arm of ``USUAL_MASS``."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,9 @@ def _prior(arm: Arm | BareArm, patterns: Sequence[Pattern]) -> Prior:
     if isinstance(arm, BareArm):
         return arm.prior(patterns)
     start, t = nominal(arm), arm.description.tolerances
+    more = heft(start.link)
     links = links_prior(start.link, t.link).covariance
-    links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD, REACH).covariance
+    links[-PER_LINK:, -PER_LINK:] += body_prior(LOAD * more, REACH * np.cbrt(more)).covariance
     own = [
         t.rotor_inertia * start.rotor,
         t.friction * start.coulomb,

@@ -35,7 +35,7 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
     for number, loop in enumerate(find_loops(runs), start=1):
         first = len(patterns)
         cycles = [runs[start : start + len(loop.moves)] for start in loop.starts]
-        for group in by_speed(cycles, _seconds, SAME_SPEED):
+        for group in by_speed(cycles, lambda cycle: float(sum(run.last - run.first for run in cycle)), SAME_SPEED):
             if len(group) < FEWEST:
                 continue
             pattern = _pattern(recording, group, f"task_{number}")
@@ -44,11 +44,6 @@ def learn_patterns(recording: Recording) -> list[Pattern]:
     if not patterns:
         raise ModelError("no task was seen three times or more, twice at one speed: record more healthy cycles")
     return patterns
-
-
-def _seconds(cycle: Sequence[Run]) -> float:
-    """Moving time of a cycle, in samples."""
-    return float(sum(run.last - run.first for run in cycle))
 
 
 def _speed(recording: Recording, cycle: Sequence[Run], fastest: Pattern) -> float:

@@ -86,15 +86,17 @@ def _best(tokens: Sequence[Token], free: NDArray[np.bool_], runs: Sequence[Run])
             moves = tuple(tokens[start:end])
             if moves[0][0] == moves[-1][1] and (not starts[moves] or start >= starts[moves][-1] + len(moves)):
                 starts[moves].append(start)
-    loops = [Loop(m, tuple(s)) for m, s in starts.items() if len(s) >= FEWEST and _primitive(m)]
+    loops = [Loop(m, tuple(s)) for m, s in starts.items() if len(s) >= FEWEST]
     loops.sort(key=lambda loop: (len(loop.moves) * len(loop.starts), _rest_before(loop, runs)), reverse=True)
     return next((loop for loop in loops if not _compound(loop, starts)), None)
 
 
 def _compound(loop: Loop, starts: Mapping[tuple[Token, ...], Sequence[int]]) -> bool:
-    """True if a loop is several tasks in sequence: a shorter one within it also occurs alone, or those between its
-    passages of the start pose also occur in another order."""
+    """True if a loop repeats a shorter one, or is several tasks in sequence: a shorter one within it also occurs alone,
+    or those between its passages of the start pose also occur in another order."""
     moves, n = loop.moves, len(loop.moves)
+    if any(_repeats(moves, k) for k in range(1, n // 2 + 1)):
+        return True
     inner = Counter(moves[a:b] for a in range(n) for b in range(a + 2, n + 1) if b - a < n)
     if any(len(starts.get(part, ())) - times * len(loop.starts) >= FEWEST for part, times in inner.items()):
         return True
@@ -103,11 +105,6 @@ def _compound(loop: Loop, starts: Mapping[tuple[Token, ...], Sequence[int]]) -> 
     orders = {*product(parts, repeat=2)} - {*pairwise([*parts, parts[0]])}
     learnt = all(len(part) > 1 and len(starts.get(part, ())) >= FEWEST for part in parts)
     return learnt and any(starts.get(one + next_, ()) for one, next_ in orders)
-
-
-def _primitive(moves: tuple[Token, ...]) -> bool:
-    """True if a loop does not repeat a shorter one."""
-    return not any(_repeats(moves, k) for k in range(1, len(moves) // 2 + 1))
 
 
 def _rest_before(loop: Loop, runs: Sequence[Run]) -> float:

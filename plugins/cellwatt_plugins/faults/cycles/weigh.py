@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -69,12 +68,7 @@ def weigh(parameters: Parameters, load: Load, white: Whitener, residual: Float, 
 
 def fit(products: Products) -> Fit:
     """Fit columns with unit priors: each column is scaled to one sigma of its size."""
-    return Fit(products, _unit(len(products.pull)))
-
-
-@cache
-def _unit(count: int) -> Prior:
-    return Prior.spread(np.ones(count))
+    return Fit(products, Prior.spread(np.ones(len(products.pull))))
 
 
 def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: Sequence[Float]) -> Bent:

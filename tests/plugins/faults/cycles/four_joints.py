@@ -176,16 +176,22 @@ def shown(path: np.ndarray, faults: Sequence[Fault]) -> np.ndarray:
     return out
 
 
-def describe(folder: Path) -> Path:
-    """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``OFF`` the truth."""
+def describe(folder: Path, heavier: float = 1.0) -> Path:
+    """Writes ``robot.yaml`` with a URDF; masses, friction and resistances are ``OFF`` the truth.
+
+    An arm that is ``heavier`` by a factor in all of its masses, torques and drives takes as much more power.
+    """
     joints = {
-        "torque_constant": CONSTANT,
-        "rotor_inertia": ROTOR,
-        "coulomb_friction": COULOMB / OFF,
-        "viscous_friction": VISCOUS * OFF,
-        "winding_resistance": RESISTANCE * OFF,
+        "torque_constant": heavier * CONSTANT,
+        "rotor_inertia": heavier * ROTOR,
+        "coulomb_friction": heavier * COULOMB / OFF,
+        "viscous_friction": heavier * VISCOUS * OFF,
+        "winding_resistance": heavier * RESISTANCE * OFF,
     }
-    links = [replace(link, mass=OFF * link.mass) for link in LINKS]
+    links = [
+        replace(link, mass=heavier * OFF * link.mass, inertia=tuple(heavier * i for i in link.inertia))
+        for link in LINKS
+    ]
     return write_robot(folder, links, joints, robot="points", standby_power=STANDBY + 2.0)
 
 

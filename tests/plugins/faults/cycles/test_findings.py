@@ -9,8 +9,9 @@ from cellwatt_plugins.faults.cycles.known import learn_known
 from cellwatt_plugins.faults.cycles.recording import Recording, recording_of
 from cellwatt_plugins.faults.cycles.runs import find_runs
 from cellwatt_plugins.faults.recordings import frames_of_table
-from tests.plugins.faults.cycles.conftest import judged, names, recorded
-from tests.plugins.faults.cycles.four_joints import RATE, Cycle, Fault, run
+from cellwatt_plugins.robot import Arm
+from tests.plugins.faults.cycles.conftest import HEALTHY, judged, names, recorded
+from tests.plugins.faults.cycles.four_joints import RATE, STANDBY, Cycle, Fault, describe, run
 
 
 def of_cycles(known, *cycles):
@@ -103,6 +104,37 @@ def test_what_is_harmless_is_no_fault(known, speed):
     assert "paused for 2.5 s" in notes[2]
     assert "the arm is colder" in notes[3]
     assert notes[5] == ""
+
+
+def test_what_a_heavy_arm_carries_may_change_by_as_much_more(tmp_path):
+    """All power but the standing power is that of the four joints, ten times, as of an arm of ten times the mass."""
+
+    def heavier(cycles, seed):
+        measured = run(cycles, seed, noise=0.1)
+        return replace(measured, power=STANDBY + 10.0 * (measured.power - STANDBY))
+
+    known = learn_known(recorded(heavier(HEALTHY, 1)), Arm.load(describe(tmp_path, 10.0)))
+    cycles = [
+        Cycle("A", part=0.6),
+        Cycle("B", 0.6, part=-0.4),
+        Cycle("A"),
+        Cycle("A", faults=(Fault("friction", 3, 1.0),)),
+    ]
+    found = judged(known, heavier(cycles, 20))
+    assert names(found) == [[], [], [], [(4, "joint")]]
+    assert [cycle.note.partition(" by ")[0] for cycle in found[:3]] == ["part heavier", "part lighter", ""]
+
+
+@pytest.mark.parametrize("late, watts", [(1.31, 8.0), (2.62, -6.0), (4.13, 3.0), (3.0, 25.0)])
+def test_a_load_of_the_supply_that_switches_during_a_cycle_is_no_fault(known, late, watts):
+    """As the controller's fan does."""
+    measured = run([Cycle("A"), Cycle("A"), Cycle("A", faults=(Fault("friction", 3, 2.0),))], seed=25)
+    measured.power[measured.time > measured.spans[1][0] + late] += watts
+    found = judged(known, measured)
+    assert names(found) == [[], [], [(4, "joint")]]
+    assert (
+        found[1].note == f"the supply takes {abs(watts):.0f} W {'more' if watts > 0 else 'less'}, as if a fan switched"
+    )
 
 
 @pytest.mark.parametrize("seconds", [0.7, 20.0])
