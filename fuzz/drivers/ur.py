@@ -29,7 +29,7 @@ def run(data: bytes) -> None:
             assert isinstance(item, wire.Frame)
             _request(item)
     inlet = CheckingInlet()
-    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 125.0, "device"), "auto")
+    intake = Intake(inlet, Stream("rtde", SELECTION.channels, 125.0, "device"))
     intake.opened(Identity("UR", "fuzzed"), 125.0, 125.0)
     types = ["DOUBLE"] * len(TYPES) if how and how[0] & 128 else TYPES  # of the same width, which a decoder takes
     decoder = Decoder(SELECTION, RECIPE, types) if how and how[0] & 1 else None
