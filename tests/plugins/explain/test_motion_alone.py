@@ -55,6 +55,12 @@ def test_an_arm_that_follows_its_file_has_no_mismatch(tmp_path, logs):
     assert explained(tmp_path, logs["null"])[1] == {}
 
 
+def test_commands_that_come_more_seldom_than_rows_are_no_rattling(tmp_path):
+    """Each step of the commands, 33 a second, shakes the joints faster than the filtered motion shows."""
+    (log,) = integrated([Plant()], 1.5 * np.repeat(sines()[::3], 3, axis=0))
+    assert explained(tmp_path, log)[1] == {}
+
+
 def test_rows_whose_new_command_exceeds_the_limit_count_little(tmp_path):
     """The joint follows within the row: the filtered motion does not show how much torque the limit takes."""
     force, log, xml = 60.0, tmp_path / "log.parquet", tmp_path / "arm.xml"

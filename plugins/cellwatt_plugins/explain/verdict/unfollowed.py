@@ -90,7 +90,8 @@ def rattling_findings(solution: Solution) -> list[Finding]:
     for states, rows in zip(problem.states, problem.rows, strict=True):
         if isinstance(rows, Filtered):
             lost = rattling(states.servos.torque - states.nominal, rows, least)
-            shares += np.mean(lost > 0, axis=0) / len(problem.states)
+            told = rattling(states.servos.servo.pull * states.servos.command, rows, least)
+            shares += np.mean((lost > 0) & (told == 0), axis=0) / len(problem.states)
     found = {term.joint for term in solution.terms if term.effect.name == "backlash"}
     error = problem.rms(solution.residual)
     return [

@@ -66,8 +66,7 @@ class Drive:
     @cached_property
     def error(self) -> Float:
         """(N, n) rad from the joints' positions to their commanded positions."""
-        servo = self.servo
-        return np.asarray(servo.pull / servo.stiffness * self.command - self.moved.position)
+        return np.asarray(self.servo.pull / self.servo.stiffness * self.command - self.moved.position)
 
     @cached_property
     def commanded_velocity(self) -> Float:
