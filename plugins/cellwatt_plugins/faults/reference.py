@@ -97,11 +97,6 @@ class Pattern(_Strict):
         """The mean at times t of any shape, s; constant beyond both ends."""
         return np.asarray(np.interp(t, self.time, self.values), dtype=np.float64)
 
-    def envelope(self, t: Float, reach: float) -> tuple[Float, Float]:
-        """Lowest and highest mean within ``reach`` s of each time t (n,) s: the band explained by onset jitter."""
-        near = self.at(t + np.linspace(-reach, reach, 5)[:, None])
-        return near.min(axis=0), near.max(axis=0)
-
 
 @dataclass(frozen=True)
 class ReferenceInterval(_Strict):

@@ -29,7 +29,7 @@ BESIDE_STOPPED = 0.2
 """… and if a joint stands still, as only the model gives the power that its motion would have needed …"""
 BESIDE_BARE = 0.3
 """… and for an arm without a description."""
-CLOSE, CLOSE_YET, CLOSE_YET_BARE = 3.0, 7.0, 20.0
+CLOSE, CLOSE_YET, CLOSE_YET_BARE = 3.0, 7.0, 40.0
 """Joints whose log odds differ by less than this cannot be distinguished, in a whole cycle and in a running one, there
 also of an arm without a description."""
 CERTAIN = 3.0

@@ -130,6 +130,8 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     pattern = known.patterns[match.pattern]
     last = int(np.searchsorted([end for _, end in pattern.moves], match.warp.tau[-1] - pattern.step))
     end = pattern.moves[last][1]
+    if known.arm.bare and _may_be_interrupted(recording, match, pattern, last):
+        return _finding(match, pattern, "", (), end)
     verdict = examine(recording, match, known, end + MARGIN) if _measured(recording, match) >= MEASURED else None
     if verdict is None or _may_be_new(match, verdict):
         return _finding(match, pattern, "", (), end)
@@ -140,6 +142,15 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
     blames = tuple(b for b in verdict.blames if b.what in STOPPED or (explained and b.certainty >= CERTAIN))
     certain = replace(verdict, blames=blames)
     return _finding(match, pattern, "", _faults(recording, match, known, certain, CERTAIN), end)
+
+
+def _may_be_interrupted(recording: Recording, match: Match, pattern: Pattern, last: int) -> bool:
+    """True if a joint has left its path in the last move alone: the move may go on after a pause.
+
+    The power of a bare arm is too uncertain to decide it.
+    """
+    before = int(np.searchsorted(pattern.time, pattern.moves[last][0]))
+    return any(_deviation(recording, match, pattern, j)[before] <= pattern.limits[j] for j in match.odd)
 
 
 def _may_be_new(match: Match, verdict: Verdict) -> bool:
