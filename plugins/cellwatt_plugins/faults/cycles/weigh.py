@@ -75,9 +75,11 @@ def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: S
     """Nonlinear power of effects of these sizes, with its slope and uncertainty."""
     before = load.drives.sum(axis=1)
     more, slopes, doubts = np.zeros(len(before)), [], [np.empty((len(before), 0))]
-    for effect, size in zip(effects, sizes, strict=True):
+    # A load of the supply takes its power beside the drives, whatever these take or return.
+    beside = [effect.what == "switched" for effect in effects]
+    for effect, size, apart in zip(effects, sizes, beside, strict=True):
         slope = effect.columns / load.gain[:, None]
-        more += slope @ size
+        more += 0.0 if apart else slope @ size
         if effect.joint is not None and effect.torque is not None:
             extra, copper = effect.torque @ size, parameters.copper[effect.joint]
             more += copper * extra**2
@@ -88,7 +90,9 @@ def bend(parameters: Parameters, load: Load, effects: Sequence[Effect], sizes: S
     after = before + more
     gain = np.where(after > 0, parameters.drive, parameters.regenerate)
     power = gain * after - load.gain * before
-    return Bent(power, gain[:, None] * np.column_stack(slopes), np.column_stack(doubts))
+    power += sum(effect.columns @ size for effect, size, apart in zip(effects, sizes, beside, strict=True) if apart)
+    bent = [(load.gain if apart else gain)[:, None] * slope for slope, apart in zip(slopes, beside, strict=True)]
+    return Bent(power, np.column_stack(bent), np.column_stack(doubts))
 
 
 def _doubt(load: Load, what: str, joint: int, extra: Float, copper: float) -> Float:

@@ -17,7 +17,6 @@ from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
 from cellwatt_plugins.faults.paper.following import CyclesSeen
 from cellwatt_plugins.faults.paper.judging import codes_of
 from cellwatt_plugins.faults.trace import segmented
-from cellwatt_plugins.robot import Body
 from cellwatt_plugins.robot.drive import drive_power
 from cellwatt_plugins.robot.motion import differentiate
 
@@ -43,7 +42,8 @@ def recorded(
 def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
     """Codes (20) of a course's healthy cycle with each spring on a joint (1-based), by the arm's equations."""
     slack = float(course.intervals[0].readings.q[0, joint - 1])
-    motions = [_motion(arm.body, interval.readings) for interval in course.intervals]
+    readings = [interval.readings for interval in course.intervals]
+    motions = [Motion.of(arm.body, r.q, *differentiate(r.q, float(r.t[1] - r.t[0]))) for r in readings]
     regressors = [arm.body.regressor(m.q, m.qd, m.qdd) for m in motions]
     out = []
     for size in SPRINGS:
@@ -64,10 +64,6 @@ def column_of(cycles: Sequence[Codes]) -> Codes:
     told = np.stack([codes for codes in cycles if codes.any()] or [np.zeros_like(cycles[0])])
     share = [np.mean(told == sign, axis=0) for sign in (1, -1)]
     return np.where(share[0] > 0.5, 1, np.where(share[1] > 0.5, -1, 0)).astype(np.int8)
-
-
-def _motion(body: Body, readings: Readings) -> Motion:
-    return Motion.of(body, readings.q, *differentiate(readings.q, float(readings.t[1] - readings.t[0])))
 
 
 def _with_spring(
