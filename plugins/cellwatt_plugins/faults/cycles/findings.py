@@ -140,8 +140,7 @@ def judge_begun(recording: Recording, match: Match, known: Known) -> CycleFindin
         verdict = examine(recording, match, known, end + MARGIN, pattern.moves[last - 1][1]) or verdict
     explained = verdict.misfit <= UNEXPLAINED
     blames = tuple(b for b in verdict.blames if b.what in STOPPED or (explained and b.certainty >= CERTAIN))
-    certain = replace(verdict, blames=blames)
-    return _finding(match, pattern, "", _faults(recording, match, known, certain, CERTAIN), end)
+    return _finding(match, pattern, "", _faults(recording, match, known, replace(verdict, blames=blames), CERTAIN), end)
 
 
 def _may_be_interrupted(recording: Recording, match: Match, pattern: Pattern, last: int) -> bool:

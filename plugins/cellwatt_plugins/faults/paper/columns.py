@@ -10,7 +10,7 @@ import numpy as np
 from cellwatt.arrays import Float
 from cellwatt.frames import Frames
 from cellwatt_plugins.faults.criteria import Codes, Tolerance
-from cellwatt_plugins.faults.cycles.arm import Mechanics, Motion, supply_power, torque
+from cellwatt_plugins.faults.cycles.arm import Motion, supply_power, torque
 from cellwatt_plugins.faults.cycles.identify import FittedArm
 from cellwatt_plugins.faults.paper.course import Course, Key
 from cellwatt_plugins.faults.paper.expected import ExpectedInterval, Readings
@@ -42,7 +42,8 @@ def recorded(
 def simulated(arm: FittedArm, course: Course, joint: int, tolerance: Tolerance) -> list[Codes]:
     """Codes (20) of a course's healthy cycle with each spring on a joint (1-based), by the arm's equations."""
     slack = float(course.intervals[0].readings.q[0, joint - 1])
-    motions = [_motion(arm.body, interval.readings) for interval in course.intervals]
+    readings = [interval.readings for interval in course.intervals]
+    motions = [Motion.of(arm.body, r.q, *differentiate(r.q, float(r.t[1] - r.t[0]))) for r in readings]
     regressors = [arm.body.regressor(m.q, m.qd, m.qdd) for m in motions]
     out = []
     for size in SPRINGS:
@@ -63,10 +64,6 @@ def column_of(cycles: Sequence[Codes]) -> Codes:
     told = np.stack([codes for codes in cycles if codes.any()] or [np.zeros_like(cycles[0])])
     share = [np.mean(told == sign, axis=0) for sign in (1, -1)]
     return np.where(share[0] > 0.5, 1, np.where(share[1] > 0.5, -1, 0)).astype(np.int8)
-
-
-def _motion(body: Mechanics, readings: Readings) -> Motion:
-    return Motion.of(body, readings.q, *differentiate(readings.q, float(readings.t[1] - readings.t[0])))
 
 
 def _with_spring(

@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cellwatt_plugins.faults.cycles.arm import Motion, supply_power
-from cellwatt_plugins.faults.cycles.effects import joint_effects
+from cellwatt_plugins.faults.cycles.effects import Effect, joint_effects
 from cellwatt_plugins.faults.cycles.load import load_of
 from cellwatt_plugins.faults.cycles.weigh import bend, weigh
 from cellwatt_plugins.robot.drive import drive_power
@@ -40,6 +42,16 @@ def test_power_of_a_torque_is_that_of_the_whole_equations(known, load, what, siz
     more = bend(known.arm.parameters, load, [it], [sizes + step]).power
     steady = np.sign(load.drives.sum(axis=1)) == np.sign(load.drives.sum(axis=1) + bent.power)
     assert ((more - bent.power) / 1e-5)[steady] == pytest.approx(bent.slope[steady, 0], rel=1e-2, abs=1e-2)
+
+
+def test_a_load_of_the_supply_is_beside_what_the_drives_take_and_return(known):
+    parameters, pattern = replace(known.arm.parameters, regenerate=0.1), known.patterns[0]
+    load = load_of(known.arm.body, parameters, Motion(pattern.position, *pattern.rates))
+    later = (pattern.time > 2.0).astype(float)
+    bent = bend(parameters, load, [Effect("switched", None, later[:, None])], [np.array([-8.0])])
+    assert np.ptp(load.gain) > 0.5
+    assert bent.power == pytest.approx(-8.0 * later)
+    assert bent.slope[:, 0] == pytest.approx(later)
 
 
 def test_the_size_of_a_large_fault_is_found(known, load, monkeypatch):
