@@ -48,7 +48,7 @@ def test_a_load_of_the_supply_is_beside_what_the_drives_take_and_return(known):
     parameters, pattern = replace(known.arm.parameters, regenerate=0.1), known.patterns[0]
     load = load_of(known.arm.body, parameters, Motion(pattern.position, *pattern.rates))
     later = (pattern.time > 2.0).astype(float)
-    bent = bend(parameters, load, [Effect("switched", None, later[:, None])], [np.array([-8.0])])
+    bent = bend(parameters, load, [Effect("switched", None, later[:, None], at_supply=True)], [np.array([-8.0])])
     assert np.ptp(load.gain) > 0.5
     assert bent.power == pytest.approx(-8.0 * later)
     assert bent.slope[:, 0] == pytest.approx(later)
