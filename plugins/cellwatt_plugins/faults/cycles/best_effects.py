@@ -20,7 +20,7 @@ from cellwatt_plugins.robot.regression import Products, Whitener
 
 WARM = 0.15
 """Harmless change of the friction of all joints, as a share (one sigma)."""
-PART_ODDS = 6.0
+HARMLESS_ODDS = 6.0
 """Log odds against a part of another weight that is held in certain moves, or a load of the supply that switches …"""
 FAULT_ODDS, USUAL_RATE = 7.0, 1e-4
 """… and against a given fault in a cycle, for this accepted share of healthy intervals with a false alarm."""
@@ -124,7 +124,7 @@ class _Search:
 
     def odds(self, chosen: Iterable[int]) -> float:
         """Prior log odds against a set."""
-        return sum(PART_ODDS if self.effects[k].harmless else self._fault_odds for k in chosen)
+        return sum(HARMLESS_ODDS if self.effects[k].harmless else self._fault_odds for k in chosen)
 
     def gain(self, chosen: tuple[int, ...]) -> float:
         """Log evidence relative to no effect; minus infinity if a size has the wrong sign."""
