@@ -56,7 +56,7 @@ def note_on(match: Match, verdict: Verdict) -> str:
     if (share := verdict.harmless.get("load")) is not None:
         parts.append(f"load {abs(share):.0%} {'higher' if share > 0 else 'lower'}, as of another part")
     if (watts := verdict.harmless.get("switched")) is not None:
-        parts.append(f"the supply takes {abs(watts):.0f} W {'more' if watts > 0 else 'less'}, as if a fan switched")
+        parts.append(f"the supply takes {abs(watts):.2g} W {'more' if watts > 0 else 'less'}, as if a fan switched")
     if abs(verdict.warm) > LEAST_WARM:
         parts.append(f"friction {abs(verdict.warm):.0%} {'higher' if verdict.warm > 0 else 'lower'} in all joints: ")
         parts[-1] += "the arm is colder" if verdict.warm > 0 else "the arm is warmer"
