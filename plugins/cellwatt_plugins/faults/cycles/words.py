@@ -12,8 +12,8 @@ ANOTHER_PACE = 0.01
 """Smallest relative difference of pace that is reported."""
 PAUSE = 0.3
 """A rest that exceeds the task's by more than this, s, is reported as a pause."""
-LEAST_WARM = 0.03
-"""Smallest reported change of friction, as a share."""
+LEAST_SWITCHED, LEAST_WARM = 1.0, 0.03
+"""Smallest reported change of the supply's own power, W, and of friction, as a share."""
 
 _WHAT = {
     "friction": "turns harder than in healthy cycles: friction in its gear, bearing or brake",
@@ -55,8 +55,8 @@ def note_on(match: Match, verdict: Verdict) -> str:
         parts.append(f"part {'heavier' if part > 0 else 'lighter'} by {abs(part):.2g} kg")
     if (share := verdict.harmless.get("load")) is not None:
         parts.append(f"load {abs(share):.0%} {'higher' if share > 0 else 'lower'}, as of another part")
-    if (watts := verdict.harmless.get("switched")) is not None:
-        parts.append(f"the supply takes {abs(watts):.2g} W {'more' if watts > 0 else 'less'}, as if a fan switched")
+    if abs(watts := verdict.harmless.get("switched", 0.0)) > LEAST_SWITCHED:
+        parts.append(f"the supply takes {abs(watts):.0f} W {'more' if watts > 0 else 'less'}, as if a fan switched")
     if abs(verdict.warm) > LEAST_WARM:
         parts.append(f"friction {abs(verdict.warm):.0%} {'higher' if verdict.warm > 0 else 'lower'} in all joints: ")
         parts[-1] += "the arm is colder" if verdict.warm > 0 else "the arm is warmer"

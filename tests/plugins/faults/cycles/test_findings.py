@@ -133,7 +133,7 @@ def test_a_load_of_the_supply_that_switches_during_a_cycle_is_no_fault(known, la
     found = judged(known, measured)
     assert names(found) == [[], [], [(4, "joint")]]
     assert (
-        found[1].note == f"the supply takes {abs(watts):.2g} W {'more' if watts > 0 else 'less'}, as if a fan switched"
+        found[1].note == f"the supply takes {abs(watts):.0f} W {'more' if watts > 0 else 'less'}, as if a fan switched"
     )
 
 
